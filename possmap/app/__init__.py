@@ -1,0 +1,1 @@
+"""One function per command: read, compute, write; each returns a small summary."""

@@ -1,0 +1,75 @@
+"""From what the user names on the command line to log files: folders, files, stdin, grids."""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from possmap.errors import LogError
+from possmap.files.gridfile.grid import Grid
+from possmap.files.limits import Limits
+from possmap.files.logs import (
+    SUFFIXES,
+    Delivery,
+    LogFile,
+    Origin,
+    encoding_of,
+    read_log,
+    read_stdin,
+)
+
+STDIN = "-"
+GRID_SUFFIX = ".possmap"
+
+
+def expand(inputs: Iterable[str]) -> Iterator[str]:
+    """Yield the files that the inputs stand for, a folder's by name.
+
+    A folder without a log yields itself, so that reading it says what is wrong.
+    """
+    for name in inputs:
+        path = Path(name)
+        if name == STDIN or not path.is_dir():
+            yield name
+            continue
+        logs = sorted(
+            (p for p in path.iterdir() if encoding_of(p) and p.is_file()), key=lambda p: p.name
+        )
+        yield from map(str, logs or [path])
+
+
+def read(name: str, limits: Limits, allow_truncated: bool) -> LogFile:
+    """Read one log, or the ledger of a grid as one.
+
+    Raises
+    ------
+    LogError
+        For a log that cannot be trusted, or a folder without logs.
+    GridError
+        For a grid that cannot be read.
+    """
+    if name == STDIN:
+        return read_stdin(sys.stdin.buffer, limits, allow_truncated)
+    path = Path(name)
+    if path.is_dir():
+        raise LogError(name, f"the folder holds no logs, expected files of {', '.join(SUFFIXES)}")
+    if path.suffix == GRID_SUFFIX:
+        return _ledger_of(path)
+    return read_log(path, limits, allow_truncated)
+
+
+def _ledger_of(path: Path) -> LogFile:
+    """Read all excursions of a grid, each part with the file that once brought it."""
+    deliveries: list[Delivery] = []
+    with Grid(path) as grid:
+        origin = Origin(str(path), hashlib.sha256(grid.digest().encode()).hexdigest(), 0)
+        versions = {entry.name: grid.ledger.version(entry) for entry in grid.ledger.entries()}
+        for arrival in grid.ledger.arrivals():
+            part = arrival.part
+            whole = versions[arrival.robot, arrival.excursion]
+            known = whole.prefix(part.first + part.count)
+            place = f"{path}: {arrival.robot} {arrival.excursion}"
+            deliveries.append(Delivery(known, place, part.origin, part.carrier))
+    return LogFile(origin, tuple(deliveries))

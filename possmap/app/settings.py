@@ -1,0 +1,78 @@
+"""The settings in force: which level beats which, and what a grid keeps (docs/settings.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from possmap.errors import SettingsError, printable, shown
+from possmap.files.settings import (
+    SHAPING,
+    Given,
+    GivenSettings,
+    Settings,
+    Value,
+    assemble,
+    merged,
+)
+from possmap.files.settings_yaml import read_profile, read_settings
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What a user asks of the settings, from the weakest level to the strongest.
+
+    profile : name of a shipped profile.
+    config : a settings file.
+    flags, overrides : from options of their own (``--resolution``), and from ``--set``.
+    """
+
+    profile: str | None = None
+    config: Path | None = None
+    flags: GivenSettings = field(default_factory=dict)
+    overrides: GivenSettings = field(default_factory=dict)
+
+    def given(self) -> dict[str, Given]:
+        """Return every value that was given, the strongest of each name.
+
+        Raises
+        ------
+        SettingsError
+            For a profile or a file that cannot be used.
+        """
+        profile = read_profile(self.profile) if self.profile else {}
+        config = read_settings(self.config) if self.config else {}
+        return merged([profile, config, self.flags, self.overrides])
+
+
+def in_force(
+    given: Mapping[str, Given], stored: Mapping[str, Value] | None = None, grid: Path | None = None
+) -> Settings:
+    """Return the settings of a call.
+
+    Parameters
+    ----------
+    given
+        What the user gave.
+    stored
+        What the grid keeps; None without a grid, or for a new one.
+
+    Raises
+    ------
+    SettingsError
+        If a value differs from one that the grid keeps; with both values.
+    """
+    values: dict[str, Value] = {name: value for name, (value, _) in given.items()}
+    if stored is None:
+        return assemble(values)
+    for name in SHAPING:
+        if name in values and values[name] != stored[name]:
+            _, origin = given[name]
+            path = printable(str(grid))
+            raise SettingsError(
+                f"{origin}: {name}, found {shown(values[name])}, but {path} was made with "
+                f"{shown(stored[name])} and keeps it; to fuse its logs anew: "
+                f"possmap fuse {path} -g NEW.possmap --set {name}={values[name]}"
+            )
+    return assemble({**stored, **values})

@@ -1,0 +1,103 @@
+"""``possmap info``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from possmap.cli import options
+
+if TYPE_CHECKING:
+    from possmap.app.info import GridInfo
+
+
+@click.command(epilog="Example: possmap info site.possmap")
+@options.grid_argument
+@options.as_json
+def info(grid: Path, as_json: bool) -> None:
+    """Say what a grid holds: size, settings, robots, excursions, and its digest.
+
+    Two grids of the same evidence have one digest, in whatever order the logs came.
+    """
+    from possmap.app.info import info as look
+
+    found = look(grid)
+    click.echo(json.dumps(_as_json(found)) if as_json else "\n".join(_as_text(found)))
+
+
+def _as_json(found: GridInfo) -> dict[str, Any]:
+    return {
+        "grid": str(found.grid),
+        "digest": found.digest,
+        "resolution": found.resolution,
+        "rows": found.window.shape[0] if found.window else 0,
+        "columns": found.window.shape[1] if found.window else 0,
+        "extent": found.extent_m,
+        "tiles": found.tiles,
+        "file_size": found.file_size,
+        "records": found.records,
+        "robots": found.robots,
+        "settings": found.stored,
+        "excursions": [
+            {
+                "robot": one.robot,
+                "excursion": one.excursion,
+                "records": one.records,
+                "parts": [
+                    {
+                        "first": arrival.part.first,
+                        "count": arrival.part.count,
+                        "carried_by": arrival.part.carrier,
+                        "source": arrival.part.origin.name,
+                        "sha256": arrival.part.origin.sha256,
+                        "size": arrival.part.origin.size,
+                        "fused_at": arrival.fused_at,
+                        "version": arrival.version,
+                    }
+                    for arrival in found.arrivals
+                    if (arrival.robot, arrival.excursion) == one.name
+                ],
+            }
+            for one in found.excursions
+        ],
+    }
+
+
+def _as_text(found: GridInfo) -> list[str]:
+    from possmap.errors import printable
+    from possmap.files.settings import SHAPING, Settings, flat_evidence
+
+    size = "nothing"
+    if found.window and found.extent_m:
+        rows, columns = found.window.shape
+        x0, y0, x1, y1 = found.extent_m
+        size = (
+            f"{x1 - x0:.2f} × {y1 - y0:.2f} m from ({x0:.2f}, {y0:.2f}), "
+            f"{columns} × {rows} cells of {found.resolution:g} m"
+        )
+    lines = [
+        f"grid        {printable(str(found.grid))}, {found.file_size / 1024:.0f} KiB",
+        f"digest      {found.digest}",
+        f"map         {size}, {found.tiles} tiles",
+        f"evidence    {found.records} records of {len(found.excursions)} excursions"
+        f" by {len(found.robots)} robots",
+    ]
+    defaults = flat_evidence(Settings().evidence)
+    changed = [
+        f"{name} {found.stored[name]}" for name in SHAPING if found.stored[name] != defaults[name]
+    ]
+    changed += [
+        f"{name} {value}" for name, value in sorted(found.stored.items()) if name not in SHAPING
+    ]
+    lines += [f"settings    {', '.join(changed) or 'the paper’s, all of them'}"]
+    for one in found.excursions:
+        lines += [f"  {one.robot} {one.excursion}: {one.records} records"]
+        for arrival in found.arrivals:
+            if (arrival.robot, arrival.excursion) == one.name:
+                part = arrival.part
+                carrier = f", carried by {' '.join(part.carrier)}" if part.carrier else ""
+                lines += [f"    {part.count} from {printable(part.origin.name)}{carrier}"]
+    return lines

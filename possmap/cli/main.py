@@ -1,0 +1,85 @@
+"""The command ``possmap``: finds the subcommand, and turns errors of the input into one line."""
+
+from __future__ import annotations
+
+import logging
+from importlib import import_module
+from typing import Any
+
+import click
+
+from possmap.errors import PossmapError, did_you_mean
+from possmap.release import version
+
+COMMANDS = {
+    "fuse": "Fuse robots' logs into a grid.",
+    "info": "Say what a grid holds: size, settings, robots, digest.",
+    "query": "Say what is known of one point, and which records say so.",
+    "export": "Write a grid in a format that other programs read.",
+    "check": "Validate logs and say what is in them.",
+    "config": "Print the settings in force, as YAML to edit and give back.",
+}
+"""Each command, its module's name and its line in the help: no module is imported to list them."""
+
+
+class _Lazy(click.Group):
+    """Imports a command's module only when it runs."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        command: click.Command = getattr(import_module(f"possmap.cli.{cmd_name}"), cmd_name)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args and not args[0].startswith("-") and args[0] not in COMMANDS:
+            guess = did_you_mean(args[0], COMMANDS)
+            ctx.fail(f"No such command {args[0]!r}{guess}")
+        return super().resolve_command(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except PossmapError as error:
+            click.echo(f"possmap: {error}", err=True)
+            ctx.exit(1)
+
+
+def _print_version(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
+    if asked and not ctx.resilient_parsing:
+        click.echo(f"possmap {version()}")
+        ctx.exit()
+
+
+@click.command(
+    cls=_Lazy,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog="Example: possmap fuse data/json -g site.possmap",
+)
+@click.option("-v", "--verbose", count=True, help="Say more on stderr.")
+@click.option("-q", "--quiet", is_flag=True, help="Say only what is wrong.")
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_version,
+    help="Print the version.",
+)
+@click.pass_context
+def main(ctx: click.Context, verbose: int, quiet: bool) -> None:
+    """Turn the logs of robots that only know their wheels into one honest map."""
+    ctx.obj = {"quiet": quiet, "verbose": verbose}
+    level = (
+        logging.ERROR if quiet else [logging.WARNING, logging.INFO, logging.DEBUG][min(verbose, 2)]
+    )
+    logging.basicConfig(level=level, format="possmap: %(message)s")

@@ -1,0 +1,107 @@
+"""Options that several commands share, each defined once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+if TYPE_CHECKING:
+    from possmap.app.settings import Request
+    from possmap.files.settings import GivenSettings
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+EXISTING = click.Path(exists=True, path_type=Path)
+EXISTING_FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+
+
+class _Log(click.Path):
+    """A log, a folder of logs, ``-`` or a grid; it exists, or the command line is wrong."""
+
+    name = "log"
+
+
+logs = click.argument(
+    "logs", nargs=-1, required=True, type=_Log(exists=True, allow_dash=True), metavar="LOG..."
+)
+grid_argument = click.argument("grid", type=EXISTING_FILE, metavar="SITE.possmap")
+as_json = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+allow_truncated = click.option(
+    "--allow-truncated",
+    is_flag=True,
+    help="Use JSON Lines whose last line was cut short, without that line.",
+)
+overwrite = click.option("--overwrite", is_flag=True, help="Replace OUT if it exists.")
+window = click.option(
+    "--window",
+    metavar="X0,Y0,X1,Y1",
+    callback=lambda ctx, param, value: _window(value),
+    help="Only this rectangle, in metres.  [default: all that holds evidence]",
+)
+
+
+def settings(command: F) -> F:
+    """Add ``--profile``, ``--config``, ``--resolution`` and ``--set``, which become ``request``."""
+    for option in (
+        click.option(
+            "--set",
+            "overrides",
+            multiple=True,
+            metavar="KEY=VALUE",
+            help="Give one setting; again for more. A robot's: robots.NAME.PARAMETER=VALUE.",
+        ),
+        click.option("--resolution", metavar="M", help="Metres per cell.  [default: 0.05]"),
+        click.option("--config", type=EXISTING_FILE, help="A YAML file of settings."),
+        click.option(
+            "--profile", type=click.Choice(["paper", "robust"]), help="A shipped set of settings."
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def request(
+    profile: str | None, config: Path | None, resolution: str | None, overrides: tuple[str, ...]
+) -> Request:
+    """Return what the settings options ask for.
+
+    Raises
+    ------
+    click.UsageError
+        For an option whose text is not a setting.
+    """
+    from possmap.app.settings import Request
+
+    flags = {} if resolution is None else _given("resolution", resolution, "--resolution")
+    sets: dict[str, Any] = {}
+    for text in overrides:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise click.BadParameter(f"{text!r}, expected KEY=VALUE", param_hint="--set")
+        sets |= _given(name.strip(), value.strip(), "--set")
+    return Request(profile, config, flags, sets)
+
+
+def _given(name: str, text: str, origin: str) -> GivenSettings:
+    from possmap.errors import SettingsError
+    from possmap.files.settings import parse_setting
+
+    try:
+        return {name: parse_setting(name, text, origin)}
+    except SettingsError as error:
+        raise click.UsageError(str(error)) from error
+
+
+def _window(text: str | None) -> tuple[float, float, float, float] | None:
+    if text is None:
+        return None
+    try:
+        x0, y0, x1, y1 = (float(part) for part in text.split(","))
+    except ValueError:
+        raise click.BadParameter(f"found {text!r}, expected X0,Y0,X1,Y1 in metres") from None
+    if not (x0 < x1 and y0 < y1):
+        raise click.BadParameter(f"found {text!r}, expected X0 < X1 and Y0 < Y1")
+    return x0, y0, x1, y1

@@ -1,0 +1,1 @@
+"""The method: error model, propagation, evidence, fusion, views. No path, no clock, no print."""

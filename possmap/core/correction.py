@@ -1,0 +1,122 @@
+"""The logged track corrected by what is known of the robot, before anything else (METHOD §1)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from possmap.core.model import ErrorModel
+from possmap.core.track import Stretch
+
+
+@dataclass(frozen=True, slots=True)
+class CorrectedStretch:
+    """A stretch laid where the robot is now believed to have been.
+
+    Attributes
+    ----------
+    logged
+        The stretch as the robot told it.
+    start, end
+        Corrected places [m].
+    length
+        Corrected length of the run [m], >= 0; 0 at standstill.
+    along
+        Unit vector of the corrected run, (1, 0) at standstill.
+    stretch
+        Corrected length over logged length, signed; 1 at standstill.
+    rotation
+        Cosine and sine by which offsets are turned.
+    heading_deg
+        Corrected heading at the end, after the turn, not wrapped [deg].
+    """
+
+    logged: Stretch
+    start: tuple[float, float]
+    end: tuple[float, float]
+    length: float
+    along: tuple[float, float]
+    stretch: float
+    rotation: tuple[float, float]
+    heading_deg: float
+
+    def place(self, x: float, y: float) -> tuple[float, float]:
+        """Move a point recorded during the stretch along with it.
+
+        The offset from the run's first pose is split along and across the logged run and laid along
+        and across the corrected one; the part along it is stretched like the run. At standstill
+        it is only turned.
+        """
+        off_x, off_y = x - self.logged.start.x, y - self.logged.start.y
+        if self.logged.is_run:
+            (unit_x, unit_y), (along_x, along_y) = _unit(self.logged), self.along
+            along = (off_x * unit_x + off_y * unit_y) * self.stretch
+            across = off_y * unit_x - off_x * unit_y
+            turned_x = along * along_x - across * along_y
+            turned_y = along * along_y + across * along_x
+        else:
+            cos, sin = self.rotation
+            turned_x, turned_y = off_x * cos - off_y * sin, off_x * sin + off_y * cos
+        return self.start[0] + turned_x, self.start[1] + turned_y
+
+    def share(self, x: float, y: float) -> float:
+        """Return where a logged point projects onto the run, a share in [0, 1]; 0 at standstill."""
+        if not self.logged.is_run:
+            return 0.0
+        unit_x, unit_y = _unit(self.logged)
+        off_x, off_y = x - self.logged.start.x, y - self.logged.start.y
+        return min(1.0, max(0.0, (off_x * unit_x + off_y * unit_y) / self.logged.distance))
+
+
+def _unit(run: Stretch) -> tuple[float, float]:
+    """Direction of the logged displacement, not of the heading (METHOD §1, Correction)."""
+    distance = run.distance
+    return (run.end.x - run.start.x) / distance, (run.end.y - run.start.y) / distance
+
+
+def correct(stretches: Iterable[Stretch], model: ErrorModel) -> list[CorrectedStretch]:
+    """Lay each stretch after the other, corrected by the model's known errors.
+
+    Known: ``turn_bias``, ``turn_gain``, ``drift``, ``scale``; *true minus logged*, left positive.
+    """
+    corrected: list[CorrectedStretch] = []
+    correction_deg = 0.0  # METHOD's corr
+    place: tuple[float, float] | None = None
+    for logged in stretches:
+        if place is None:
+            place = (logged.start.x, logged.start.y)
+        if logged.is_followed:
+            correction_deg = 0.0
+        if logged.is_run:
+            # One arc bends by drift·d; its chord lies half of that to the side, and is shorter.
+            bend_deg = 0.0 if logged.is_followed else model.drift * logged.distance
+            half = math.radians(bend_deg / 2)
+            stretch = model.scale * (math.sin(half) / half if half else 1.0)
+            angle = math.radians(correction_deg) + half
+            cos, sin = math.cos(angle), math.sin(angle)
+            unit_x, unit_y = _unit(logged)
+            along = (unit_x * cos - unit_y * sin, unit_x * sin + unit_y * cos)
+            step = logged.distance * stretch
+            end = (place[0] + step * along[0], place[1] + step * along[1])
+            correction_deg += bend_deg
+        else:
+            angle = math.radians(correction_deg)
+            cos, sin = math.cos(angle), math.sin(angle)
+            stretch, along, step, end = 1.0, (1.0, 0.0), 0.0, place
+        turn_deg = logged.turn_deg
+        correction_deg += model.turn_gain * turn_deg + model.turn_bias * abs(turn_deg) / 45
+        corrected.append(
+            CorrectedStretch(
+                logged=logged,
+                start=place,
+                end=end,
+                length=abs(step),
+                along=along,
+                stretch=stretch,
+                rotation=(cos, sin),
+                heading_deg=logged.end.heading_deg + correction_deg,
+            )
+        )
+        place = end
+    return corrected

@@ -1,0 +1,76 @@
+"""The error model of one robot: how dead reckoning goes wrong (METHOD §1, the paper's §3)."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+LARGEST = 1e6
+"""No parameter, coordinate or error may lie beyond this (the log format's bound)."""
+
+NEVER_NEGATIVE = frozenset(
+    {"along", "across", "turn_spread", "turn_noise", "drift_spread", "alignment_spread", "sensor"}
+)
+POSITIVE = frozenset({"scale", "max_error", "factor"})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorModel:
+    """Parameters of METHOD §1, by its names and in its units; the defaults are the paper's robot.
+
+    Angles are in degrees here, as users write them; the formulas turn them into radians.
+
+    Raises
+    ------
+    ValueError
+        ``name, value found, what was expected`` for a parameter outside its range.
+    """
+
+    along: float = 1.25 / 120
+    """Half-width gained per metre run, in the direction of travel [m/m]."""
+    across: float = 5.5 / 120
+    """The same, perpendicular to the run [m/m]."""
+    turn_bias: float = 0.0
+    """Known over-turn to the left per 45° turned either way [deg]."""
+    turn_gain: float = 0.0
+    """Known over-turn in the direction of the turn, as a share of it."""
+    turn_spread: float = 2.0
+    """Half-width of the unknown over-turn per 45°, one value per excursion [deg]."""
+    turn_noise: float = 0.0
+    """Half-width of what changes from turn to turn, for 45° [deg]; estimator ``heading`` only."""
+    drift: float = 0.0
+    """Known turn to the left per metre run [deg/m]."""
+    drift_spread: float = 0.0
+    """Half-width of its unknown part [deg/m]."""
+    scale: float = 1.0
+    """True distance over logged distance."""
+    alignment_spread: float = 0.0
+    """Heading half-width left after lining up with a wall [deg]."""
+    sensor: float = 0.0
+    """Half-width of the range sensor's own error [m]."""
+    max_error: float = 1.0
+    """The half-width beyond which data is irrelevant [m]."""
+    factor: float = 2.236
+    """Standard deviations that a half-width stands for."""
+
+    def __post_init__(self) -> None:
+        for name in PARAMETERS:
+            check_parameter(name, getattr(self, name))
+
+    def with_own(self, own: Mapping[str, float]) -> ErrorModel:
+        """Return this model with the given parameters in place of its own."""
+        return dataclasses.replace(self, **own)
+
+
+def check_parameter(name: str, value: float) -> None:
+    """Raise ValueError unless ``value`` is allowed for the parameter ``name``."""
+    if not -LARGEST <= value <= LARGEST:  # phrased so that NaN is refused too
+        raise ValueError(f"{name}, found {value}, expected a number within ±1e6")
+    if name in NEVER_NEGATIVE and value < 0:
+        raise ValueError(f"{name}, found {value}, expected a number >= 0")
+    if name in POSITIVE and value <= 0:
+        raise ValueError(f"{name}, found {value}, expected a number > 0")
+
+
+PARAMETERS: tuple[str, ...] = tuple(f.name for f in dataclasses.fields(ErrorModel))

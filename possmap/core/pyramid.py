@@ -1,0 +1,143 @@
+"""The pyramid of one position, and the stamps of a segment (METHOD §2; the paper's §4.1).
+
+For half-widths (hx, hy) around a position, a cell k columns and l rows away gets N = min(N_x, N_y):
+
+    height_x = max(0, 1 - hx / max_error)
+    N_x = height_x · max(0, 1 - |k|·c / (hx + c/2))
+
+and both factors become 16-bit integers, floor(65535·N_x + 0.5), before the minimum is taken.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from possmap.core.evidence import Segment
+from possmap.core.lattice import HAIR
+
+FULL = 65535
+"""The 16-bit number of certainty."""
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Values = NDArray[np.uint16]
+
+
+@dataclass(frozen=True, slots=True)
+class Stamps:
+    """Some consecutive stamps of a segment, arrays of one length.
+
+    rows, columns : the cells of their centres.
+    half_x, half_y : half-widths there [m].
+    """
+
+    rows: Ints
+    columns: Ints
+    half_x: Floats
+    half_y: Floats
+
+    def reach(self, resolution: float) -> tuple[Ints, Ints]:
+        """Return how many rows and columns away from its centre each stamp may be positive."""
+        return _reach(self.half_y, resolution), _reach(self.half_x, resolution)
+
+
+def _reach(half: Floats, resolution: float) -> Ints:
+    reach: Ints = np.ceil(half / resolution + 0.5).astype(np.int64) - 1
+    return reach
+
+
+def count_of(segment: Segment, resolution: float) -> int:
+    """Return METHOD's n: the segment's stamps are k = 0..n."""
+    longest = max(abs(segment.x1 - segment.x0), abs(segment.y1 - segment.y0))
+    return max(1, math.ceil(longest / resolution - HAIR))
+
+
+def relevant(segment: Segment, resolution: float, max_error: float) -> tuple[int, int] | None:
+    """Return the first and last k whose pyramid may have a height, or None if none has.
+
+    Half-widths are linear in k, so those below ``max_error`` are consecutive; the bounds may be a
+    stamp too wide, where rounding decides.
+    """
+    n = 0 if _is_point(segment) else count_of(segment, resolution)
+    first, last = 0, n
+    for half0, half1 in (
+        (segment.rect0.half_x, segment.rect1.half_x),
+        (segment.rect0.half_y, segment.rect1.half_y),
+    ):
+        if min(half0, half1) >= max_error:
+            return None
+        if max(half0, half1) > max_error:
+            crossing = n * ((max_error - half0) / (half1 - half0))
+            if half1 > half0:
+                last = min(last, math.ceil(crossing) + 1)
+            else:
+                first = max(first, math.floor(crossing) - 1)
+    return (first, last) if first <= last else None
+
+
+def _is_point(segment: Segment) -> bool:
+    return segment.x0 == segment.x1 and segment.y0 == segment.y1
+
+
+def stamps(segment: Segment, first: int, last: int, resolution: float) -> Stamps:
+    """Return stamps k = first..last of a segment: rectangles and places interpolated at k/n."""
+    share = np.arange(first, last + 1) / count_of(segment, resolution)
+
+    def between(start: float, end: float) -> Floats:
+        at: Floats = start + share * (end - start)
+        return at
+
+    def cells(start: float, end: float) -> Ints:
+        cell: Ints = np.floor(between(start, end) / resolution + HAIR).astype(np.int64)
+        return cell
+
+    return Stamps(
+        rows=cells(segment.y0, segment.y1),
+        columns=cells(segment.x0, segment.x1),
+        half_x=between(segment.rect0.half_x, segment.rect1.half_x),
+        half_y=between(segment.rect0.half_y, segment.rect1.half_y),
+    )
+
+
+def profiles(
+    centres: Ints, half: Floats, cells: Ints, resolution: float, max_error: float
+) -> Values:
+    """Return the quantised profile of each stamp along one axis.
+
+    Parameters
+    ----------
+    centres, half
+        Row (or column) of each stamp's centre, and its half-width there [m]; shape (stamps,).
+    cells
+        The rows (or columns) asked for, shape (cells,).
+
+    Returns
+    -------
+    Values
+        Shape (stamps, cells). Computed in doubles, in the order METHOD §2 writes them.
+    """
+    away = np.abs(cells - centres[:, None])
+    height = np.maximum(0.0, 1 - half / max_error)[:, None]
+    slope = np.maximum(0.0, 1 - (away * resolution) / (half + resolution / 2)[:, None])
+    quantised: Values = np.floor(FULL * (height * slope) + 0.5).astype(np.uint16)
+    return quantised
+
+
+def swept_cells(segment: Segment, resolution: float, max_error: float) -> int:
+    """Return an upper bound of the cells that a segment touches, without looking at any of them."""
+    span = relevant(segment, resolution, max_error)
+    if span is None:
+        return 0
+    steps = span[1] - span[0]
+    longest = max(abs(segment.x1 - segment.x0), abs(segment.y1 - segment.y0)) or 1.0
+    across_x = math.ceil(steps * abs(segment.x1 - segment.x0) / longest)
+    across_y = math.ceil(steps * abs(segment.y1 - segment.y0) / longest)
+    widest_x = min(max_error, max(segment.rect0.half_x, segment.rect1.half_x))
+    widest_y = min(max_error, max(segment.rect0.half_y, segment.rect1.half_y))
+    columns = 2 * math.ceil(widest_x / resolution + 0.5) - 1
+    rows = 2 * math.ceil(widest_y / resolution + 0.5) - 1
+    return rows * columns + across_x * rows + across_y * columns

@@ -1,0 +1,64 @@
+"""The errors that lie in the input or the machine, not in the program: one root, one line each."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Iterable
+
+
+class PossmapError(Exception):
+    """Root of every error that a user can mend; the command line prints it in one line."""
+
+
+class SettingsError(PossmapError):
+    """A setting that is unknown, out of range, or contradicts those of the grid."""
+
+
+class LogError(PossmapError):
+    """A place in a partial-map log that cannot be trusted.
+
+    Parameters
+    ----------
+    place
+        ``file:line``, or the file alone where no line is to blame.
+    problem
+        Field, value found, what was expected.
+    """
+
+    def __init__(self, place: str, problem: str) -> None:
+        super().__init__(f"{printable(place)}: {problem}")
+        self.place = place
+        self.problem = problem
+
+
+class ConflictError(LogError):
+    """A version of an excursion that disagrees with one already known (METHOD §3, Versions)."""
+
+
+class GridError(PossmapError):
+    """A grid file that is not one, is damaged, newer than this program, or in use."""
+
+
+class OutputError(PossmapError):
+    """A result that cannot be written, or would be too large."""
+
+
+def shown(value: object, limit: int = 60) -> str:
+    """Return ``value`` as a message may quote it: ASCII, one line, no terminal codes, short."""
+    try:
+        text = json.dumps(value)
+    except (TypeError, ValueError):
+        text = ascii(value)
+    return text if len(text) <= limit else text[: limit - 1] + "..."
+
+
+def printable(text: str) -> str:
+    """Return a file name as a terminal may show it: control characters escaped, letters kept."""
+    return "".join(ch if ch.isprintable() else ascii(ch)[1:-1] for ch in text)
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return ``, did you mean "…"?`` for the closest of ``known``, or an empty string."""
+    close = difflib.get_close_matches(word, list(known), n=1)
+    return f', did you mean "{close[0]}"?' if close else ""

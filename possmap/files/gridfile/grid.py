@@ -1,0 +1,206 @@
+"""A grid as a value to work with: what ``possmap.open_grid`` returns (docs/python.md)."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+
+from possmap.core import views
+from possmap.core.evidence import Layer
+from possmap.core.fusion import necessity_of, possibility_of
+from possmap.core.lattice import Lattice, Window
+from possmap.core.settings import EvidenceSettings, RobotModels
+from possmap.core.views import CellArray
+from possmap.errors import GridError, SettingsError, did_you_mean
+from possmap.files.gridfile.database import Database
+from possmap.files.gridfile.ledger import Ledger
+from possmap.files.gridfile.tiles import TileStore
+from possmap.files.settings import SHAPING, Value, assemble, flat_evidence
+
+
+class Grid:
+    """An open grid file: a possibility/necessity map, with the ledger of what it was made of.
+
+    Cells are addressed as (row, column) on a lattice anchored at (0, 0) m, row 0 at the lowest y;
+    both may be negative. Use it as a context manager, or close it.
+
+    Attributes
+    ----------
+    path
+        The file.
+    ledger
+        Excursions, records and arrivals.
+    tiles
+        The stored tiles.
+
+    Raises
+    ------
+    GridError
+        If the file is no grid, is damaged, or was written by a newer version.
+    """
+
+    def __init__(self, path: Path | str, *, write: bool = False) -> None:
+        self.path = Path(path)
+        self._database = Database(self.path, write)
+        self.ledger = Ledger(self._database)
+        self.tiles = TileStore(self._database)
+        if not write and self.is_new:
+            self.close()
+            raise GridError(f"{self._database.name}: not a possmap grid: nothing was fused into it")
+
+    def __enter__(self) -> Grid:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._database.close()
+
+    @property
+    def is_new(self) -> bool:
+        """Whether nothing was ever committed to the file."""
+        return self._database.is_new()
+
+    @property
+    def settings(self) -> EvidenceSettings:
+        """The settings that shape evidence, those of the first fuse."""
+        return assemble(self.stored_settings()).evidence
+
+    @property
+    def robots(self) -> RobotModels:
+        """What is known of single robots: name -> parameters, in the units of METHOD §1."""
+        return assemble(self.stored_settings()).robots
+
+    @property
+    def resolution(self) -> float:
+        """Metres per cell."""
+        return self.settings.resolution
+
+    @property
+    def lattice(self) -> Lattice:
+        """Conversions between metres and cells."""
+        return Lattice(self.resolution)
+
+    @property
+    def window(self) -> Window | None:
+        """The smallest window that holds all evidence; None if there is none."""
+        return self.tiles.bounds()
+
+    def origin(self, window: Window | None = None) -> tuple[float, float]:
+        """Return (x, y) [m] of the lower left corner of the first cell of a window, or of all."""
+        chosen = self._chosen(window)
+        return self.lattice.corner_of(chosen.row0, chosen.column0)
+
+    def necessity(self, window: Window | None = None) -> CellArray:
+        """Return N of each cell of a window, or of all evidence; shape (rows, columns)."""
+        return _frozen(necessity_of(self._weights(Layer.WALLS, window)))
+
+    def possibility(self, window: Window | None = None) -> CellArray:
+        """Return Π of each cell of a window, or of all evidence; shape (rows, columns)."""
+        denials = self.tiles.read_window(Layer.FREE, self._chosen(window)).astype(np.uint16)
+        return _frozen(possibility_of(denials))
+
+    def points(self, window: Window | None = None) -> CellArray:
+        """Return the necessity of a singular point in every cell; shape (rows, columns)."""
+        return _frozen(necessity_of(self._weights(Layer.POINTS, window)))
+
+    def view(self, name: str, window: Window | None = None, base_rate: float = 0.5) -> CellArray:
+        """Return a view of METHOD §4 by its name (``possmap.VIEWS``); shape (rows, columns).
+
+        Raises
+        ------
+        ValueError
+            If there is no such view.
+        """
+        if name == "points":
+            return self.points(window)
+        if name not in views.VIEWS:
+            guess = did_you_mean(name, views.VIEWS) or f", expected one of {', '.join(views.VIEWS)}"
+            raise ValueError(f'unknown view "{name}"{guess}')
+        chosen = self._chosen(window)
+        necessity, possibility = self.necessity(chosen), self.possibility(chosen)
+        return _frozen(views.VIEWS[name](necessity, possibility, base_rate))
+
+    def digest(self) -> str:
+        """Return the digest, hexadecimal: two grids of the same evidence have one (METHOD §3)."""
+        shaping = json.dumps(flat_evidence(self.settings), separators=(",", ":"))
+        digest = hashlib.sha256(b"possmap grid 1\n" + shaping.encode() + b"\ntiles\n")
+        for tile_hash in self.tiles.hashes():
+            digest.update(tile_hash)
+        digest.update(b"\nexcursions\n")
+        for excursion_hash in self.ledger.hashes():
+            digest.update(excursion_hash)
+        return digest.hexdigest()
+
+    def stored_settings(self) -> dict[str, Value]:
+        """Return the stored settings, flat; those of robots as ``robots.NAME.parameter``."""
+        stored: dict[str, Value] = {}
+        for name, value in self._database.all("SELECT name, value FROM setting"):
+            try:
+                stored[name] = json.loads(value)
+            except ValueError as error:
+                raise GridError(f"{self._database.name}: damaged: setting {name}") from error
+        return stored
+
+    def transaction(self) -> AbstractContextManager[None]:
+        """Change the grid: all of what is done inside, or nothing, whatever happens."""
+        return self._database.transaction()
+
+    def prepare(self, settings: EvidenceSettings, robots: RobotModels) -> None:
+        """Lay out a new grid, inside a transaction; a known one only takes over robots' entries.
+
+        Raises
+        ------
+        SettingsError
+            If another process has meanwhile made this grid with other settings.
+        """
+        if self.is_new:
+            self._database.create()
+            self._store(flat_evidence(settings))
+        elif self.settings != settings:
+            raise SettingsError(f"{self._database.name}: made meanwhile with other settings")
+        self._store(flat_robots(robots))
+
+    def _store(self, values: Mapping[str, Value]) -> None:
+        self._database.many(
+            "INSERT INTO setting (name, value) VALUES (?, ?)"
+            " ON CONFLICT (name) DO UPDATE SET value = excluded.value"
+            " WHERE value <> excluded.value",
+            ((name, json.dumps(value)) for name, value in values.items()),
+        )
+
+    def _weights(self, layer: Layer, window: Window | None) -> np.ndarray[tuple[int, int]]:
+        return self.tiles.read_window(layer, self._chosen(window)).astype(np.int64)
+
+    def _chosen(self, window: Window | None) -> Window:
+        return window or self.window or Window(0, 0, 0, 0)
+
+
+def flat_robots(robots: RobotModels) -> dict[str, Value]:
+    """Return robots' entries under flat names."""
+    return {
+        f"robots.{robot}.{name}": value
+        for robot, parameters in sorted(robots.items())
+        for name, value in sorted(parameters.items())
+    }
+
+
+def _frozen(array: CellArray) -> CellArray:
+    array.flags.writeable = False
+    return array
+
+
+assert set(flat_evidence(EvidenceSettings())) == set(SHAPING)

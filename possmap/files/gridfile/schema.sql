@@ -1,0 +1,90 @@
+-- A possmap grid: one SQLite file (docs/grid-file.md).
+-- application_id 0x506F7373 ("Poss"), user_version 1.
+
+-- The settings that shape evidence, and what is known of single robots (robots.NAME.PARAMETER). JSON values.
+CREATE TABLE setting (
+    name  TEXT PRIMARY KEY,
+    value TEXT NOT NULL
+) WITHOUT ROWID;
+
+-- The files that brought something new. Outside the digest.
+CREATE TABLE source (
+    id       INTEGER PRIMARY KEY,
+    name     TEXT NOT NULL,      -- as the user gave it
+    sha256   TEXT NOT NULL,      -- of the bytes as delivered
+    size     INTEGER NOT NULL,   -- of the same
+    fused_at TEXT NOT NULL,      -- UTC, ISO 8601
+    version  TEXT NOT NULL       -- of possmap
+);
+
+-- One robot's outings, each known so far.
+CREATE TABLE excursion (
+    id        INTEGER PRIMARY KEY,
+    robot     TEXT NOT NULL,
+    name      TEXT NOT NULL,
+    own_model TEXT NOT NULL,     -- JSON: the log's own parameters, as delivered
+    model     TEXT NOT NULL,     -- JSON: all parameters in force, since its first fuse
+    records   INTEGER NOT NULL,  -- how many are known
+    hash      BLOB NOT NULL,     -- of names, model in force and records
+    extra     TEXT NOT NULL,     -- JSON: the log's x_ keys, or empty
+    UNIQUE (robot, name)
+);
+
+-- Which source brought which records, in the order of arrival. Outside the digest.
+CREATE TABLE part (
+    id                INTEGER PRIMARY KEY,
+    excursion         INTEGER NOT NULL REFERENCES excursion (id),
+    first             INTEGER NOT NULL,  -- number of the first record that was new
+    count             INTEGER NOT NULL,
+    source            INTEGER NOT NULL REFERENCES source (id),
+    carrier_robot     TEXT,              -- whose log carried it; NULL: the robot's own
+    carrier_excursion TEXT
+);
+
+-- Every record as logged, and beside it where it lies on the map (map_…, metres and degrees, and
+-- half-widths in metres); NULL there: it waits for a pose, or is a meeting.
+CREATE TABLE record (
+    excursion      INTEGER NOT NULL REFERENCES excursion (id),
+    number         INTEGER NOT NULL,     -- from 0, in the order of seq
+    seq            INTEGER NOT NULL,
+    kind           TEXT NOT NULL,
+    t              REAL,
+    x              REAL, y REAL, heading REAL, x2 REAL, y2 REAL,
+    corner         TEXT, followed INTEGER, hit INTEGER,
+    peer           TEXT, peer_excursion TEXT, upto INTEGER,
+    error_x        REAL, error_y REAL, error_heading REAL,
+    extra          TEXT,                 -- JSON: x_ keys, or empty
+    map_x          REAL, map_y REAL, half_x REAL, half_y REAL,
+    map_x2         REAL, map_y2 REAL, half_x2 REAL, half_y2 REAL,
+    map_heading    REAL,
+    PRIMARY KEY (excursion, number)
+) WITHOUT ROWID;
+
+-- The tiles that a record touches.
+CREATE TABLE touched (
+    tile_row    INTEGER NOT NULL,
+    tile_column INTEGER NOT NULL,
+    excursion   INTEGER NOT NULL,
+    number      INTEGER NOT NULL,
+    PRIMARY KEY (tile_row, tile_column, excursion, number)
+) WITHOUT ROWID;
+
+-- What is known of each tile of 256 × 256 cells that is not pure ignorance. Layer 0: weights of
+-- walls, 1: denials of walls, 2: weights of singular points. Rows and columns row0 … row1 - 1 of the
+-- tile hold all that is not 0.
+CREATE TABLE tile (
+    id       INTEGER PRIMARY KEY,
+    layer    INTEGER NOT NULL,
+    row      INTEGER NOT NULL,
+    "column" INTEGER NOT NULL,
+    row0     INTEGER NOT NULL, row1 INTEGER NOT NULL,
+    column0  INTEGER NOT NULL, column1 INTEGER NOT NULL,
+    hash     BLOB NOT NULL,
+    UNIQUE (layer, row, "column")
+);
+
+-- The numbers themselves, apart, so that hashes and bounds are read without them.
+CREATE TABLE cells (
+    tile INTEGER PRIMARY KEY REFERENCES tile (id),
+    data BLOB NOT NULL
+);

@@ -1,0 +1,52 @@
+"""Partial-map logs: one interface to the three encodings, one validation (docs/logs.md)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import BinaryIO
+
+from possmap.errors import LogError
+from possmap.files.limits import Limits
+from possmap.files.logs.csv_log import read_csv
+from possmap.files.logs.delivery import Delivery, LogFile, Origin
+from possmap.files.logs.json_lines import read_json_lines
+from possmap.files.logs.json_log import read_json
+from possmap.files.logs.text import read_stream, read_text
+
+__all__ = ["SUFFIXES", "Delivery", "LogFile", "Origin", "encoding_of", "read_log", "read_stdin"]
+
+SUFFIXES = (".json", ".jsonl", ".ndjson", ".csv")
+"""What a log's name ends with, perhaps with ``.gz`` behind it."""
+
+
+def encoding_of(path: Path) -> str | None:
+    """Return the suffix that tells a log's encoding, or None if the name is not that of a log."""
+    suffixes = [suffix.lower() for suffix in path.suffixes]
+    if suffixes and suffixes[-1] == ".gz":
+        suffixes.pop()
+    return suffixes[-1] if suffixes and suffixes[-1] in SUFFIXES else None
+
+
+def read_log(path: Path, limits: Limits, allow_truncated: bool = False) -> LogFile:
+    """Read one log file, whole.
+
+    Raises
+    ------
+    LogError
+        ``file:line: field, value found, what was expected``; nothing of the file may be used.
+    """
+    encoding = encoding_of(path)
+    if encoding is None:
+        expected = ", ".join(SUFFIXES)
+        raise LogError(str(path), f"unknown suffix, expected one of {expected}, perhaps with .gz")
+    source = read_text(path, limits)
+    if encoding == ".json":
+        return read_json(source, limits)
+    if encoding == ".csv":
+        return read_csv(source, limits)
+    return read_json_lines(source, limits, allow_truncated)
+
+
+def read_stdin(stream: BinaryIO, limits: Limits, allow_truncated: bool = False) -> LogFile:
+    """Read JSON Lines, perhaps compressed, from an open stream."""
+    return read_json_lines(read_stream("-", stream, limits), limits, allow_truncated)

@@ -1,0 +1,104 @@
+"""An excursion growing record by record, held to the rules that span records (docs/logs.md)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from possmap.core.records import Meet, OwnModel, PartialMap, Pose, Record
+from possmap.errors import shown
+from possmap.files.logs.fields import Fault, as_object, model_of, name_of, own_keys
+
+FORMAT_VERSION = 1
+_HEADER = {"possmap_log", "robot", "excursion", "model"}
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """The keys that name a log. ``version`` is None where possmap_log is absent."""
+
+    robot: str
+    excursion: str
+    model: OwnModel
+    version: int | None
+    extra: str
+
+
+def header_of(value: object, nesting: int, needs_version: bool) -> Header:
+    """Check a log's header: everything but its records and carried logs.
+
+    Raises
+    ------
+    Fault
+        For a missing or unknown key, a name that is none, or a format version that is newer.
+    """
+    fields = as_object(value)
+    extra = own_keys(fields, _HEADER, "a log", nesting)
+    version: int | None = None
+    if "possmap_log" in fields:
+        version = _version(fields["possmap_log"])
+    elif needs_version:
+        raise Fault((), f"possmap_log is missing, expected {FORMAT_VERSION}")
+    for name in ("robot", "excursion"):
+        if name not in fields:
+            raise Fault((), f"{name} is missing, a log needs it")
+    model: OwnModel = ()
+    if "model" in fields:
+        try:
+            model = model_of(fields["model"])
+        except Fault as fault:
+            raise fault.below("model") from None
+    return Header(
+        name_of("robot", fields["robot"]),
+        name_of("excursion", fields["excursion"]),
+        model,
+        version,
+        extra,
+    )
+
+
+def _version(found: object) -> int:
+    if type(found) is not int or found < 1:
+        raise Fault(("possmap_log",), f"found {shown(found)}, expected {FORMAT_VERSION}")
+    if found > FORMAT_VERSION:
+        problem = f"version {found} is newer than this program reads ({FORMAT_VERSION})"
+        raise Fault(("possmap_log",), problem)
+    return found
+
+
+class ExcursionBuilder:
+    """Collects the records of one excursion in order; ``add`` refuses what breaks the order."""
+
+    def __init__(self) -> None:
+        self.records: list[Record] = []
+        self._has_pose = False
+        self._last_t: float | None = None
+
+    def add(self, record: Record) -> None:
+        """Append the next record.
+
+        Raises
+        ------
+        Fault
+            For a falling seq or time, or a sighting before the first pose.
+        """
+        if not self.records:
+            if record.seq != 0:
+                raise Fault(("seq",), f"found {record.seq}, expected 0, the first record's seq")
+        elif record.seq <= self.records[-1].seq:
+            last = self.records[-1].seq
+            raise Fault(("seq",), f"found {record.seq}, expected more than {last}, the one before")
+        if isinstance(record, Pose):
+            self._has_pose = True
+        elif not self._has_pose and not isinstance(record, Meet):
+            raise Fault(("kind",), "expected a pose before the first wall, corner or beam")
+        if record.t is not None:
+            if self._last_t is not None and record.t < self._last_t:
+                raise Fault(("t",), f"found {record.t}, expected {self._last_t} or later")
+            self._last_t = record.t
+        self.records.append(record)
+
+    def build(self, header: Header) -> PartialMap:
+        """Return the excursion so far, under its header's name."""
+        return PartialMap(
+            header.robot, header.excursion, header.model, tuple(self.records), header.extra
+        )

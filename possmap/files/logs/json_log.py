@@ -1,0 +1,115 @@
+"""The JSON encoding: one log per file, its carried logs inside it (docs/logs.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from possmap.core.records import PartialMap
+from possmap.errors import LogError, shown
+from possmap.files.limits import Limits
+from possmap.files.logs.builder import ExcursionBuilder, header_of
+from possmap.files.logs.delivery import Delivery, LogFile, Origin, refusal
+from possmap.files.logs.fields import Fault, Step, record_of
+from possmap.files.logs.json_text import JsonSyntaxError, JsonText, find
+from possmap.files.logs.text import LogText
+
+
+def read_json(source: LogText, limits: Limits) -> LogFile:
+    """Read one JSON log.
+
+    Raises
+    ------
+    LogError
+        With file, line and path, for the first thing that cannot be trusted.
+    """
+    origin = Origin(source.name, source.sha256, source.size)
+    if source.is_cut:
+        raise LogError(source.name, "the file is cut short")
+    reader = _JsonLogReader(source.text, limits)
+    try:
+        versions = list(reader.log())
+        reader.cursor.end()
+    except JsonSyntaxError as error:
+        line = reader.cursor.line(error.position)
+        column = error.position - source.text.rfind("\n", 0, error.position)
+        problem = f"not JSON: {error} (column {column})"
+        raise LogError(f"{source.name}:{line}", problem) from None
+    except _PlacedFault as placed:
+        raise refusal(source.name, reader.cursor.line(placed.position), placed.fault) from None
+    own = versions[0][1].name
+    return LogFile(
+        origin,
+        tuple(
+            Delivery(
+                version,
+                f"{source.name}:{reader.cursor.line(position)}",
+                origin,
+                own if number else None,
+            )
+            for number, (position, version) in enumerate(versions)
+        ),
+    )
+
+
+class _PlacedFault(Exception):
+    """A fault with its position in the text."""
+
+    def __init__(self, position: int, fault: Fault) -> None:
+        super().__init__(str(fault))
+        self.position = position
+        self.fault = fault
+
+
+class _JsonLogReader:
+    """Walks the one object of a JSON log."""
+
+    def __init__(self, text: str, limits: Limits) -> None:
+        self.text = text
+        self.cursor = JsonText(text)
+        self.nesting = limits.limit_nesting
+
+    def log(self, path: tuple[Step, ...] = ()) -> Iterator[tuple[int, PartialMap]]:
+        """Yield the log's own version, then the carried ones, each with its position."""
+        start = self.cursor.position
+        header: dict[str, object] = {}
+        builder = ExcursionBuilder()
+        carried: list[tuple[int, PartialMap]] = []
+        has_records = False
+        depth = len(path) + 1
+        try:
+            if not self.cursor.is_at("{"):
+                raise Fault((), f"found {shown(self.cursor.value())}, expected an object, a log")
+            for key in self.cursor.members():
+                if key == "records":
+                    has_records = True
+                    self._records(builder, (*path, key))
+                elif key == "carried":
+                    if path:
+                        raise Fault((key,), "a carried log carries no others: list them beside it")
+                    for index in self._items(key):
+                        carried += self.log((key, index))
+                else:
+                    header[key] = self.cursor.value()
+            if not has_records:
+                raise Fault((), "records is missing, expected a list, perhaps empty")
+            checked = header_of(header, self.nesting - depth, needs_version=not path)
+        except Fault as fault:
+            position = find(self.text, start, fault.path)
+            raise _PlacedFault(position, fault.below(*path)) from None
+        yield start, builder.build(checked)
+        yield from carried
+
+    def _items(self, key: str) -> Iterator[int]:
+        if not self.cursor.is_at("["):
+            raise Fault((key,), f"found {shown(self.cursor.value())}, expected a list")
+        return self.cursor.items()
+
+    def _records(self, builder: ExcursionBuilder, path: tuple[Step, ...]) -> None:
+        nesting = self.nesting - len(path) - 2
+        for index in self._items("records"):
+            start = self.cursor.position
+            try:
+                builder.add(record_of(self.cursor.value(), nesting))
+            except Fault as fault:
+                position = find(self.text, start, fault.path)
+                raise _PlacedFault(position, fault.below(*path, index)) from None

@@ -1,0 +1,679 @@
+"""METHOD.md sections 0 to 3, read aloud for the estimator ``linear``.
+
+Slow on purpose: plain doubles, one cell after the other, in the order in which the method is
+written down: correction (section 1), propagation (section 1), evidence (section 2), fusion
+(section 3). A grid cell is named (column, row); row 0 is the lowest y.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+Cell = tuple[int, int]
+Layer = dict[Cell, float]
+JsonObject = Mapping[str, object]
+
+# Section 1, the table; `turn_noise` and `factor` belong to the other estimator.
+DEFAULT_MODEL: Mapping[str, float] = {
+    "along": 1.25 / 120,
+    "across": 5.5 / 120,
+    "turn_bias": 0.0,
+    "turn_gain": 0.0,
+    "turn_spread": 2.0,
+    "drift": 0.0,
+    "drift_spread": 0.0,
+    "scale": 1.0,
+    "alignment_spread": 0.0,
+    "sensor": 0.0,
+    "max_error": 1.0,
+}
+HALF_TURN_TOLERANCE_DEG = 1e-6  # section 0
+CELL_TOLERANCE = 1e-6  # section 0, and the number of stamps in section 2; a share of a cell
+ON_THE_RUN_M = 1e-9  # our reading of "where it lies on it": rounding must not choose the line
+
+
+@dataclass(frozen=True)
+class LiteralGrid:
+    """The fused grid: N where > 0, Pi where < 1, and N of the layer of singular points."""
+
+    necessity: dict[Cell, float]
+    possibility: dict[Cell, float]
+    points: dict[Cell, float]
+
+
+class PoseErrors(NamedTuple):
+    """A corrected pose's place [m], half-widths [m] and heading half-width [deg]."""
+
+    x: float
+    y: float
+    half_x: float
+    half_y: float
+    heading: float
+
+
+def literal_grid(logs: Sequence[JsonObject], settings: JsonObject) -> LiteralGrid:
+    """Fuse decoded JSON ``logs``, with what they carry, under the flat ``settings`` of CLI.md."""
+    shape = _shape(settings)
+    independence = str(settings.get("independence", "detection"))
+    necessity: Layer = {}
+    possibility: Layer = {}
+    points: Layer = {}
+    for log in _longest_versions(logs):
+        found = _evidence(log, _model_in_force(log, settings), shape)
+        for layer, detections in ((necessity, found.walls), (points, found.points)):
+            for independent in _independent(detections, independence):
+                _reinforce(layer, independent)
+        for path in found.paths:
+            for cell, value in path.items():
+                # Section 3, free space: min over everything.
+                possibility[cell] = min(possibility.get(cell, 1.0), 1.0 - value)
+    return LiteralGrid(
+        {cell: value for cell, value in necessity.items() if value > 0.0},
+        {cell: value for cell, value in possibility.items() if value < 1.0},
+        {cell: value for cell, value in points.items() if value > 0.0},
+    )
+
+
+def literal_half_widths(log: JsonObject, settings: JsonObject) -> list[PoseErrors]:
+    """Every pose of ``log`` as corrected, with the errors it has once its turn is done."""
+    model = _model_in_force(log, settings)
+    records = _records(log)
+    poses = [record for record in records if record.kind == "pose"]
+    if not poses:
+        return []
+    errors = [_first_errors(poses[0])]
+    places = [Point(poses[0].x, poses[0].y)]
+    legs = _corrected(_legs(records), model)
+    for leg, (_, _, turned) in zip(legs, _propagated(legs, errors[0], model), strict=True):
+        places.append(leg.last)
+        errors.append(turned)
+    return [
+        PoseErrors(place.x, place.y, error.half_x, error.half_y, error.heading)
+        for place, error in zip(places, errors, strict=True)
+    ]
+
+
+# --- Settings and versions ------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """The settings that are not parameters of the error model."""
+
+    resolution: float
+    free_along_walls: bool
+    free_along_beams: bool
+    clip_coobserved: bool
+
+
+def _shape(settings: JsonObject) -> _Shape:
+    if settings.get("estimator", "linear") != "linear":
+        raise ValueError("the literal reading knows the estimator 'linear' only")
+    return _Shape(
+        _number(settings.get("resolution", 0.05)),
+        bool(settings.get("free_along_walls", False)),
+        bool(settings.get("free_along_beams", False)),
+        bool(settings.get("clip_coobserved", False)),
+    )
+
+
+def _model_in_force(log: JsonObject, settings: JsonObject) -> dict[str, float]:
+    """Return the error model: the log's beats `robots:` beats the general value (CLI.md)."""
+    levels = [
+        settings,
+        _object(_object(settings.get("robots", {})).get(str(log["robot"]), {})),
+    ]
+    if settings.get("accept_models", True):
+        levels.append(_object(log.get("model", {})))
+    model = dict(DEFAULT_MODEL)
+    for level in levels:
+        model.update({name: _number(level[name]) for name in DEFAULT_MODEL if name in level})
+    return model
+
+
+def _longest_versions(logs: Sequence[JsonObject]) -> list[JsonObject]:
+    """Section 3, Identity and Versions: the longest list of records stands for its prefixes."""
+    longest: dict[tuple[str, str], JsonObject] = {}
+    for log in logs:
+        for version in (log, *map(_object, _array(log.get("carried", [])))):
+            name = (str(version["robot"]), str(version["excursion"]))
+            known = longest.get(name)
+            if known is None or len(_array(version["records"])) > len(_array(known["records"])):
+                longest[name] = version
+    return list(longest.values())
+
+
+def _number(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise TypeError(f"expected a number, got {value!r}")
+    return float(value)
+
+
+def _object(value: object) -> JsonObject:
+    if not isinstance(value, Mapping):
+        raise TypeError(f"expected an object, got {value!r}")
+    return value
+
+
+def _array(value: object) -> Sequence[object]:
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        raise TypeError(f"expected an array, got {value!r}")
+    return value
+
+
+# --- Records and the legs between poses (LOGS.md) -------------------------------------------
+
+
+class Point(NamedTuple):
+    """A place in the site frame [m]."""
+
+    x: float
+    y: float
+
+
+@dataclass(frozen=True)
+class _Record:
+    """One record with LOGS.md's defaults filled in; a single place is its own second end."""
+
+    kind: str
+    x: float
+    y: float
+    x2: float
+    y2: float
+    heading: float
+    error_x: float
+    error_y: float
+    error_heading: float
+    followed: bool
+    hit: bool
+
+    @property
+    def start(self) -> Point:
+        return Point(self.x, self.y)
+
+    @property
+    def end(self) -> Point:
+        return Point(self.x2, self.y2)
+
+    def moved(self, place: Callable[[Point], Point]) -> _Record:
+        """Return the record with both ends taken to where ``place`` puts them."""
+        start, end = place(self.start), place(self.end)
+        return replace(self, x=start.x, y=start.y, x2=end.x, y2=end.y)
+
+
+def _records(log: JsonObject) -> list[_Record]:
+    """All records but the meetings, which say nothing about the site."""
+    records = []
+    for raw in map(_object, _array(log["records"])):
+        if raw["kind"] == "meet":
+            continue
+        x, y = _number(raw["x"]), _number(raw["y"])
+        records.append(
+            _Record(
+                kind=str(raw["kind"]),
+                x=x,
+                y=y,
+                x2=_number(raw.get("x2", x)),
+                y2=_number(raw.get("y2", y)),
+                heading=_number(raw.get("heading", 0.0)),
+                error_x=_number(raw.get("error_x", 0.0)),
+                error_y=_number(raw.get("error_y", 0.0)),
+                error_heading=_number(raw.get("error_heading", 0.0)),
+                followed=bool(raw.get("followed", True)),
+                hit=bool(raw.get("hit", True)),
+            )
+        )
+    return records
+
+
+@dataclass(frozen=True)
+class _Leg:
+    """Two poses in a row, as logged or as corrected: first the run, then the turn.
+
+    length, direction : of the run [m, rad]; a leg at standstill has length 0.
+    turn : logged, in (-180, 180] [deg].
+    """
+
+    first: Point
+    last: Point
+    standstill: bool
+    length: float
+    direction: float
+    turn: float
+    seen: tuple[_Record, ...]
+
+    @property
+    def walls(self) -> list[_Record]:
+        return [record for record in self.seen if record.kind == "wall"]
+
+    @property
+    def followed(self) -> bool:
+        """LOGS.md: a run with a followed wall; at standstill `followed` claims nothing."""
+        return not self.standstill and any(wall.followed for wall in self.walls)
+
+    def share(self, point: Point) -> float:
+        """Section 2, Walls: where ``point`` projects onto the run, clamped; 0 is its start."""
+        if self.standstill:
+            return 0.0
+        along = (point.x - self.first.x) * math.cos(self.direction)
+        along += (point.y - self.first.y) * math.sin(self.direction)
+        return min(1.0, max(0.0, along / self.length))
+
+
+def _legs(records: Iterable[_Record]) -> list[_Leg]:
+    """Cut the records at the poses; what comes after the last pose waits and yields nothing."""
+    legs: list[_Leg] = []
+    pose: _Record | None = None
+    seen: list[_Record] = []
+    for record in records:
+        if record.kind != "pose":
+            seen.append(record)
+            continue
+        if pose is not None:
+            dx, dy = record.x - pose.x, record.y - pose.y
+            legs.append(
+                _Leg(
+                    first=pose.start,
+                    last=record.start,
+                    standstill=dx == 0.0 and dy == 0.0,
+                    length=math.hypot(dx, dy),
+                    direction=math.atan2(dy, dx),
+                    turn=_angle_difference(record.heading - pose.heading),
+                    seen=tuple(seen),
+                )
+            )
+        pose, seen = record, []
+    return legs
+
+
+def _angle_difference(degrees: float) -> float:
+    """Section 0: wrapped to (-180, 180]; what is nearly a half turn is one to the left."""
+    wrapped = math.remainder(degrees, 360.0)
+    if abs(abs(wrapped) - 180.0) <= HALF_TURN_TOLERANCE_DEG:
+        return 180.0
+    return wrapped
+
+
+# --- Section 1, Correction ------------------------------------------------------------------
+
+
+def _corrected(legs: Sequence[_Leg], model: Mapping[str, float]) -> list[_Leg]:
+    """Apply what is known: turn_bias, turn_gain, drift and scale."""
+    corrected: list[_Leg] = []
+    corr = 0.0  # [deg]
+    place = legs[0].first if legs else Point(0.0, 0.0)
+    for leg in legs:
+        if leg.standstill:
+            # "At standstill offsets are rotated by corr as it is before the turn."
+            movement = _laying(leg.first, 0.0, place, math.radians(corr), 1.0)
+            after = replace(leg, first=place, last=place)
+        else:
+            if leg.followed:
+                corr = 0.0  # "the robot has lined up: corr is 0 before, during and after, u = 0"
+                u = 0.0
+            else:
+                u = math.radians(model["drift"] * leg.length / 2.0)
+            # "length scale d sin(u)/u (scale d for u = 0) and direction theta + corr + u"
+            stretch = model["scale"] * (math.sin(u) / u if u != 0.0 else 1.0)
+            length = stretch * leg.length
+            direction = leg.direction + math.radians(corr) + u
+            if not leg.followed:
+                corr += model["drift"] * leg.length
+            movement = _laying(leg.first, leg.direction, place, direction, stretch)
+            after = replace(
+                leg,
+                first=place,
+                last=Point(
+                    place.x + length * math.cos(direction),
+                    place.y + length * math.sin(direction),
+                ),
+                length=length,
+                direction=direction,
+            )
+        # "a turn of t degrees: corr += turn_gain t + turn_bias |t|/45", after the run
+        corr += model["turn_gain"] * leg.turn + model["turn_bias"] * abs(leg.turn) / 45.0
+        corrected.append(replace(after, seen=tuple(record.moved(movement) for record in leg.seen)))
+        place = after.last
+    return corrected
+
+
+def _laying(
+    logged_first: Point,
+    logged_direction: float,
+    first: Point,
+    direction: float,
+    stretch: float,
+) -> Callable[[Point], Point]:
+    """Return the movement of what was recorded on a leg.
+
+    The offset from the logged first pose, split along and across the logged run, is laid along
+    and across the corrected one; only the part along it is stretched.
+    """
+
+    def lay(point: Point) -> Point:
+        dx, dy = point.x - logged_first.x, point.y - logged_first.y
+        along = dx * math.cos(logged_direction) + dy * math.sin(logged_direction)
+        across = -dx * math.sin(logged_direction) + dy * math.cos(logged_direction)
+        along *= stretch
+        return Point(
+            first.x + along * math.cos(direction) - across * math.sin(direction),
+            first.y + along * math.sin(direction) + across * math.cos(direction),
+        )
+
+    return lay
+
+
+# --- Section 1, Propagation -----------------------------------------------------------------
+
+
+class _Errors(NamedTuple):
+    """The state: half-widths of the rectangle [m] and of the heading [deg]."""
+
+    half_x: float
+    half_y: float
+    heading: float
+
+
+def _first_errors(pose: _Record) -> _Errors:
+    """Return the first pose's own error; those of later poses do not count."""
+    return _Errors(pose.error_x, pose.error_y, min(90.0, pose.error_heading))
+
+
+def _propagated(
+    legs: Sequence[_Leg], start: _Errors, model: Mapping[str, float]
+) -> list[tuple[_Errors, _Errors, _Errors]]:
+    """Return per corrected leg the errors at its start, after its run and after its turn."""
+    states: list[tuple[_Errors, _Errors, _Errors]] = []
+    errors = start
+    # "consecutive runs that follow no wall, with no turn between them, count as one run":
+    # the heading half-width where it began and the distance since then.
+    heading_at_start, gone = errors.heading, 0.0
+    for leg in legs:
+        after_run = errors
+        cos, sin = abs(math.cos(leg.direction)), abs(math.sin(leg.direction))
+        if leg.followed:
+            # "H = alignment_spread; hx += |cos theta| along d, hy += |sin theta| along d"
+            after_run = _Errors(
+                errors.half_x + cos * model["along"] * leg.length,
+                errors.half_y + sin * model["along"] * leg.length,
+                min(90.0, model["alignment_spread"]),
+            )
+        elif not leg.standstill:
+            a_before, b_before = _growth(gone, heading_at_start, model)
+            gone += leg.length
+            a_after, b_after = _growth(gone, heading_at_start, model)
+            a, b = a_after - a_before, b_after - b_before
+            # "hx += |cos theta| a + |sin theta| b, hy += |sin theta| a + |cos theta| b"
+            after_run = _Errors(
+                errors.half_x + cos * a + sin * b,
+                errors.half_y + sin * a + cos * b,
+                min(90.0, heading_at_start + model["drift_spread"] * gone),
+            )
+        # "a turn of t degrees: H += turn_spread |t|/45"
+        turned = after_run._replace(
+            heading=min(90.0, after_run.heading + model["turn_spread"] * abs(leg.turn) / 45.0)
+        )
+        states.append((errors, after_run, turned))
+        errors = turned
+        if leg.followed or leg.turn != 0.0:
+            heading_at_start, gone = errors.heading, 0.0
+    return states
+
+
+def _growth(
+    distance: float, heading_at_start: float, model: Mapping[str, float]
+) -> tuple[float, float]:
+    """Return a and b of a run in free space at ``distance`` from its start."""
+    h = math.radians(min(90.0, heading_at_start + model["drift_spread"] * distance / 2.0))
+    return (
+        model["along"] * distance + distance * (1.0 - math.cos(h)),
+        model["across"] * distance + distance * math.sin(h),
+    )
+
+
+# --- Section 2, Evidence --------------------------------------------------------------------
+
+
+class _Rectangle(NamedTuple):
+    half_x: float
+    half_y: float
+
+    def towards(self, other: _Rectangle, share: float) -> _Rectangle:
+        return _Rectangle(
+            self.half_x + share * (other.half_x - self.half_x),
+            self.half_y + share * (other.half_y - self.half_y),
+        )
+
+    def grown(self, more_x: float, more_y: float) -> _Rectangle:
+        return _Rectangle(self.half_x + more_x, self.half_y + more_y)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What one excursion says: one layer per detection, and one per free path."""
+
+    walls: list[Layer]
+    points: list[Layer]
+    paths: list[Layer]
+
+
+class _Stamper(NamedTuple):
+    """Stamps pyramids at one resolution under one `max_error`."""
+
+    c: float
+    max_error: float
+
+    def stamp(self, layer: Layer, point: Point, rectangle: _Rectangle) -> None:
+        """Put one position's pyramid into ``layer``, by max (section 3, inside a detection)."""
+        column, row = self._index(point.x), self._index(point.y)
+        columns = self._profile(rectangle.half_x)
+        rows = self._profile(rectangle.half_y)
+        for columns_away, n_x in columns.items():
+            for rows_away, n_y in rows.items():
+                cell = (column + columns_away, row + rows_away)
+                layer[cell] = max(layer.get(cell, 0.0), min(n_x, n_y))  # N = min(N_x, N_y)
+
+    def segment(
+        self, layer: Layer, p0: Point, p1: Point, start: _Rectangle, end: _Rectangle
+    ) -> None:
+        """Stamp along the segment; its value in a cell is the maximum over the stamps."""
+        dx, dy = p1.x - p0.x, p1.y - p0.y
+        # n = max(1, ceil(max(|dx|, |dy|) / c - 1e-6))
+        n = max(1, math.ceil(max(abs(dx), abs(dy)) / self.c - CELL_TOLERANCE))
+        for k in range(n + 1):
+            point = Point(p0.x + k / n * dx, p0.y + k / n * dy)
+            self.stamp(layer, point, start.towards(end, k / n))
+
+    def _index(self, coordinate: float) -> int:
+        """Section 0: cell of a point: floor(p / c + 1e-6)."""
+        return math.floor(coordinate / self.c + CELL_TOLERANCE)
+
+    def _profile(self, half: float) -> dict[int, float]:
+        """N_x by columns away (or N_y by rows away), only where positive."""
+        height = max(0.0, 1.0 - half / self.max_error)
+        if height == 0.0:
+            return {}
+        reach = math.ceil(half / self.c + 0.5)
+        profile = {
+            k: height * max(0.0, 1.0 - abs(k) * self.c / (half + self.c / 2.0))
+            for k in range(-reach, reach + 1)
+        }
+        return {k: value for k, value in profile.items() if value > 0.0}
+
+
+def _evidence(log: JsonObject, model: Mapping[str, float], shape: _Shape) -> _Found:
+    found = _Found([], [], [])
+    records = _records(log)
+    if not records:
+        return found
+    legs = _corrected(_legs(records), model)
+    stamper = _Stamper(shape.resolution, model["max_error"])
+    states = _propagated(legs, _first_errors(records[0]), model)
+    for leg, (at_first, after_run, _) in zip(legs, states, strict=True):
+        start = _Rectangle(at_first.half_x, at_first.half_y)
+        end = _Rectangle(after_run.half_x, after_run.half_y)
+        _walls_and_corners(found, leg, start, end, model["sensor"], stamper)
+        _beams(found, leg, start, end, after_run.heading, model["sensor"], shape, stamper)
+        if not leg.standstill:
+            _free_path(found, leg, start, end, shape, stamper)
+    return found
+
+
+def _walls_and_corners(
+    found: _Found,
+    leg: _Leg,
+    start: _Rectangle,
+    end: _Rectangle,
+    sensor: float,
+    stamper: _Stamper,
+) -> None:
+    """Section 2, Walls and Singular points: each record a detection, rectangles plus `sensor`."""
+    for record in leg.seen:
+        at_start = start.towards(end, leg.share(record.start)).grown(sensor, sensor)
+        at_end = start.towards(end, leg.share(record.end)).grown(sensor, sensor)
+        detection: Layer = {}
+        if record.kind == "wall":
+            # Of zero length it is a single stamp: the segment's two stamps are then one.
+            stamper.segment(detection, record.start, record.end, at_start, at_end)
+            found.walls.append(detection)
+        elif record.kind == "corner":
+            stamper.stamp(detection, record.start, at_start)
+            found.points.append(detection)
+
+
+def _beams(
+    found: _Found,
+    leg: _Leg,
+    start: _Rectangle,
+    end: _Rectangle,
+    heading_half_width: float,
+    sensor: float,
+    shape: _Shape,
+    stamper: _Stamper,
+) -> None:
+    """Section 2, Beams: the hits of one leg are together one detection.
+
+    heading_half_width : H at the end of the run, before the turn [deg].
+    """
+    hits: Layer = {}
+    h = math.radians(heading_half_width)
+    for beam in leg.seen:
+        if beam.kind != "beam":
+            continue
+        dx, dy = beam.x2 - beam.x, beam.y2 - beam.y
+        r, phi = math.hypot(dx, dy), math.atan2(dy, dx)
+        sin, cos = abs(math.sin(phi)), abs(math.cos(phi))
+        at_start = start.towards(end, leg.share(beam.start)).grown(sensor, sensor)
+        # "|sin phi| r sin H + |cos phi| r (1 - cos H) in x", exchanged in y
+        at_end = at_start.grown(
+            sin * r * math.sin(h) + cos * r * (1.0 - math.cos(h)),
+            cos * r * math.sin(h) + sin * r * (1.0 - math.cos(h)),
+        )
+        if beam.hit:
+            stamper.stamp(hits, beam.end, at_end)
+        if not shape.free_along_beams:
+            continue
+        path: Layer = {}
+        if not beam.hit:
+            stamper.segment(path, beam.start, beam.end, at_start, at_end)
+        else:
+            # "to c + max(hx, hy) short of a hit (nothing if the beam is shorter)"; the
+            # rectangle at the last point is that of the beam's full length.
+            short = shape.resolution + max(at_end.half_x, at_end.half_y)
+            if r >= short:
+                left = (r - short) / r
+                last = Point(beam.x + left * dx, beam.y + left * dy)
+                stamper.segment(path, beam.start, last, at_start, at_end)
+        found.paths.append(path)
+    found.walls.append(hits)
+
+
+def _free_path(
+    found: _Found,
+    leg: _Leg,
+    start: _Rectangle,
+    end: _Rectangle,
+    shape: _Shape,
+    stamper: _Stamper,
+) -> None:
+    """Section 2, Free space: the run is one segment, its possibility 1 - value."""
+    if leg.walls and not shape.free_along_walls:
+        return
+    path: Layer = {}
+    stamper.segment(path, leg.first, leg.last, start, end)
+    if shape.clip_coobserved:
+        for wall in leg.walls:
+            clipped = _clip_line(wall, leg)
+            path = {
+                cell: value
+                for cell, value in path.items()
+                if not clipped.takes(cell, leg, shape.resolution)
+            }
+    found.paths.append(path)
+
+
+class _Line(NamedTuple):
+    """The infinite line of the points p with normal . p = offset; the normal has length 1."""
+
+    normal_x: float
+    normal_y: float
+    offset: float
+
+    def distance(self, point: Point) -> float:
+        """Return the signed distance, positive on the normal's side."""
+        return self.normal_x * point.x + self.normal_y * point.y - self.offset
+
+    def takes(self, cell: Cell, leg: _Leg, c: float) -> bool:
+        """Whether the line touches ``cell`` or hides it from the run's farther end."""
+        centre = Point((cell[0] + 0.5) * c, (cell[1] + 0.5) * c)
+        distance = self.distance(centre)
+        if abs(distance) <= c / 2.0 * (abs(self.normal_x) + abs(self.normal_y)):
+            return True
+        at_first, at_last = self.distance(leg.first), self.distance(leg.last)
+        seen_from = at_first if abs(at_first) >= abs(at_last) else at_last
+        # A run that lies in the line sees nothing beyond it: the product is then 0.
+        return distance * seen_from < 0.0
+
+
+def _clip_line(wall: _Record, leg: _Leg) -> _Line:
+    """Section 2, Free space: the line through a corrected wall record of the run ``leg``."""
+    if wall.start != wall.end:
+        along_x, along_y = wall.x2 - wall.x, wall.y2 - wall.y
+        normal_x, normal_y = -along_y, along_x
+    else:
+        # "the line perpendicular to its shortest connection with the run": the connection is
+        # the normal. "Perpendicular to the run, where it lies on it": the run is the normal.
+        share = leg.share(wall.start)
+        normal_x = wall.x - (leg.first.x + share * (leg.last.x - leg.first.x))
+        normal_y = wall.y - (leg.first.y + share * (leg.last.y - leg.first.y))
+        if math.hypot(normal_x, normal_y) <= ON_THE_RUN_M:
+            normal_x, normal_y = math.cos(leg.direction), math.sin(leg.direction)
+    length = math.hypot(normal_x, normal_y)
+    normal_x, normal_y = normal_x / length, normal_y / length
+    return _Line(normal_x, normal_y, normal_x * wall.x + normal_y * wall.y)
+
+
+# --- Section 3, Fusion ----------------------------------------------------------------------
+
+
+def _independent(detections: list[Layer], independence: str) -> list[Layer]:
+    """Return the layers of one excursion that count as independent of each other."""
+    if independence == "detection":
+        return detections
+    if independence != "excursion":
+        raise ValueError(f"independence is detection or excursion, not {independence!r}")
+    whole: Layer = {}
+    for detection in detections:
+        for cell, value in detection.items():
+            whole[cell] = max(whole.get(cell, 0.0), value)
+    return [whole]
+
+
+def _reinforce(layer: Layer, independent: Layer) -> None:
+    """Add a layer by the probabilistic sum S(x, y) = x + y - xy."""
+    for cell, y in independent.items():
+        x = layer.get(cell, 0.0)
+        layer[cell] = x + y - x * y
