@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from possmap.app.settings import Request
 from possmap.core.lattice import Window
 from possmap.core.views import VIEWS
 from possmap.errors import PossmapError
-from possmap.files.gridfile.grid import Grid
+from possmap.files.gridfile.grid import Grid as _Grid
 from possmap.files.settings import Value, parse_setting
 from possmap.release import version
 
@@ -27,6 +28,19 @@ __all__ = [
 ]
 
 
+class Grid(_Grid):
+    """An open grid that a notebook shows as its picture."""
+
+    def _repr_png_(self) -> bytes | None:
+        from possmap.app.render import Look, picture
+
+        if self.window is None:
+            return None
+        stream = io.BytesIO()
+        picture(self, Look()).save(stream, "PNG")
+        return stream.getvalue()
+
+
 def open_grid(path: str | Path) -> Grid:
     """Open a grid file for reading.
 
@@ -39,9 +53,9 @@ def open_grid(path: str | Path) -> Grid:
 
 
 def fuse(
-    logs: Iterable[str | Path],
+    logs: str | Path | Iterable[str | Path],
     grid: str | Path,
-    settings: Mapping[str, Value] | None = None,
+    settings: Mapping[str, Value | Mapping[str, Mapping[str, float]]] | None = None,
     *,
     strict: bool = False,
     dry_run: bool = False,
@@ -52,9 +66,9 @@ def fuse(
     Parameters
     ----------
     logs
-        Files, folders, or other grids.
+        Files, folders, or other grids; one or several.
     settings
-        Flat names, as in a settings file; ``robots.NAME.parameter`` for one robot.
+        As in a settings file: flat names, and ``robots``, a mapping of mappings.
 
     Raises
     ------
@@ -62,12 +76,17 @@ def fuse(
         If a setting is wrong or the grid cannot be used. A refused log does not raise: see the
         summary.
     """
-    given = {
-        name: parse_setting(name, _text(value), "settings")
-        for name, value in (settings or {}).items()
-    }
+    flat: dict[str, Value] = {}
+    for name, value in (settings or {}).items():
+        if isinstance(value, Mapping):
+            for robot, parameters in value.items():
+                flat |= {f"{name}.{robot}.{key}": one for key, one in parameters.items()}
+        else:
+            flat[name] = value
+    given = {name: parse_setting(name, _text(value), "settings") for name, value in flat.items()}
+    paths = [logs] if isinstance(logs, (str, Path)) else logs
     return _fuse(
-        [str(log) for log in logs],
+        [str(log) for log in paths],
         Path(grid),
         Request(overrides=given),
         strict=strict,

@@ -6,6 +6,8 @@ import difflib
 import json
 from collections.abc import Iterable
 
+_LONGEST_WORD = 64
+
 
 class PossmapError(Exception):
     """Root of every error that a user can mend; the command line prints it in one line."""
@@ -13,6 +15,10 @@ class PossmapError(Exception):
 
 class SettingsError(PossmapError):
     """A setting that is unknown, out of range, or contradicts those of the grid."""
+
+
+class NotYetError(SettingsError):
+    """A setting, rightly spelt, that this version does not have yet."""
 
 
 class LogError(PossmapError):
@@ -40,6 +46,10 @@ class GridError(PossmapError):
     """A grid file that is not one, is damaged, newer than this program, or in use."""
 
 
+class WorkerError(PossmapError):
+    """A process of ``--jobs`` that ended before its work did."""
+
+
 class OutputError(PossmapError):
     """A result that cannot be written, or would be too large."""
 
@@ -48,8 +58,8 @@ def shown(value: object, limit: int = 60) -> str:
     """Return ``value`` as a message may quote it: ASCII, one line, no terminal codes, short."""
     try:
         text = json.dumps(value)
-    except (TypeError, ValueError):
-        text = ascii(value)
+    except (TypeError, ValueError, RecursionError):
+        text = f"a {type(value).__name__}"
     return text if len(text) <= limit else text[: limit - 1] + "..."
 
 
@@ -60,5 +70,10 @@ def printable(text: str) -> str:
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """Return ``, did you mean "…"?`` for the closest of ``known``, or an empty string."""
-    close = difflib.get_close_matches(word, list(known), n=1)
+    close = difflib.get_close_matches(word[:_LONGEST_WORD], list(known), n=1)
     return f', did you mean "{close[0]}"?' if close else ""
+
+
+def plural(count: int, word: str) -> str:
+    """Return a count with its word: ``1 record``, ``2 records``."""
+    return f"{count} {word}" if count == 1 else f"{count} {word}s"

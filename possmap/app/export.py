@@ -52,26 +52,41 @@ def export(
     if write is None:
         guess = did_you_mean(output.suffix, FORMATS) or f", expected one of {', '.join(FORMATS)}"
         raise OutputError(f"{printable(str(output))}: unknown suffix {shown(output.suffix)}{guess}")
-    with Grid(path) as grid:
+    refuse_itself(path, output)
+    with Grid(path) as grid, grid.snapshot():
         window = chosen_window(grid, window_m)
         with replacing(output, overwrite) as stream:
             write(grid, window, stream)
         return ExportSummary(output, *window.shape, grid.origin(window), grid.resolution)
 
 
-def chosen_window(grid: Grid, window_m: tuple[float, float, float, float] | None) -> Window:
+def refuse_itself(grid: Path, output: Path) -> None:
+    """Raise OutputError if the output is the grid itself."""
+    try:
+        same = output.exists() and output.samefile(grid)
+    except OSError:
+        return  # writing it says why
+    if same:
+        raise OutputError(f"{printable(str(output))}: is the grid itself, expected another file")
+
+
+def chosen_window(
+    grid: Grid,
+    window_m: tuple[float, float, float, float] | None,
+    most: int | None = MOST_CELLS,
+) -> Window:
     """Return the window asked for, or the smallest that holds all evidence.
 
     Raises
     ------
     OutputError
-        If there is no evidence, or the window has more than 10⁹ cells.
+        If there is no evidence, or the window has more than ``most`` cells.
     """
     name = printable(str(grid.path))
     window = grid.window if window_m is None else grid.lattice.window_of(*window_m)
     if window is None:
         raise OutputError(f"{name}: holds no evidence, so there is nothing to show")
-    if window.cells > MOST_CELLS:
+    if most is not None and window.cells > most:
         rows, columns = window.shape
         raise OutputError(
             f"{name}: {rows} × {columns} cells, expected at most 10⁹; "

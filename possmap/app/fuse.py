@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -13,12 +14,16 @@ from possmap.app import inputs
 from possmap.app.judge import Judge
 from possmap.app.progress import Progress, quiet
 from possmap.app.settings import Request, in_force
-from possmap.core.fusion import Plan, add_to_plan, fuse_tile
-from possmap.errors import GridError, LogError
+from possmap.app.workers import Stamper, stamper
+from possmap.core.fusion import Plan, add_to_plan
+from possmap.errors import GridError, LogError, printable
+from possmap.files.gridfile.database import check_file
 from possmap.files.gridfile.grid import Grid
 from possmap.files.logs.delivery import LogFile
 from possmap.files.settings import Settings
 from possmap.release import version
+
+log = logging.getLogger(__name__)
 
 Status: TypeAlias = Literal["fused", "known", "refused"]
 
@@ -82,6 +87,7 @@ def fuse(
     strict: bool = False,
     dry_run: bool = False,
     allow_truncated: bool = False,
+    jobs: int = 1,
     progress: Progress = quiet,
 ) -> FuseSummary:
     """Fuse logs into a grid file, creating it if need be.
@@ -100,6 +106,8 @@ def fuse(
         Read and judge only; nothing is written.
     allow_truncated
         Use JSON Lines whose last line was cut short, without that line.
+    jobs
+        Processes that stamp tiles.
 
     Raises
     ------
@@ -123,13 +131,14 @@ def fuse(
         outcomes = []
         # With --strict all is one transaction, so that the last log can still undo the first.
         most = None if strict else settings.limits.transaction_records
-        for batch in _batches(reading, most):
-            outcomes += _commit(batch, grid, settings, strict, progress)
+        with stamper(jobs) as stamp:
+            for batch in _batches(reading, most):
+                outcomes += _commit(batch, grid, settings, strict, stamp, progress)
     return FuseSummary(grid, tuple(outcomes), time.perf_counter() - start)
 
 
 def _holds_anything(grid: Path) -> bool:
-    return grid.exists() and (not grid.is_file() or grid.stat().st_size > 0)
+    return check_file(grid, write=True)
 
 
 def _read(name: str, settings: Settings, allow_truncated: bool) -> _Read:
@@ -165,7 +174,12 @@ def _rehearse(
 
 
 def _commit(
-    batch: list[_Read], path: Path, settings: Settings, strict: bool, progress: Progress
+    batch: list[_Read],
+    path: Path,
+    settings: Settings,
+    strict: bool,
+    stamp: Stamper,
+    progress: Progress,
 ) -> list[Outcome]:
     """Judge a batch and write what is new in it, in one transaction."""
     judge = Judge(settings)
@@ -178,8 +192,10 @@ def _commit(
             # Inside the transaction, so that nobody else can add an excursion in between.
             judge = Judge(settings, grid.ledger)
             outcomes = _judge(judge, batch, strict)
-        grid.prepare(settings.evidence, settings.robots)
-        _write(grid, judge, progress)
+        if any(outcome.status != "refused" for outcome in outcomes):
+            grid.prepare(settings.evidence, settings.robots)
+        if judge.accepted:
+            _write(grid, judge, stamp, progress)
     return outcomes
 
 
@@ -188,11 +204,18 @@ def _judge(judge: Judge, batch: Iterable[_Read], strict: bool) -> list[Outcome]:
     outcomes: list[Outcome] = []
     for one in batch:
         outcomes.append(_outcome(judge, one))
+        log.info("%s: %s", outcomes[-1].path, outcomes[-1].status)
         if strict and outcomes[-1].status == "refused":
             judge.forget()
-            undone = f"not kept: {one.path} was refused (--strict)"
+            undone = f"not kept, since {printable(one.path)} was refused (--strict)"
             return [
-                replace(before, status="refused", records_new=0, records_known=0, error=undone)
+                replace(
+                    before,
+                    status="refused",
+                    records_new=0,
+                    records_known=0,
+                    error=f"{printable(before.path)}: {undone}",
+                )
                 for before in outcomes[:-1]
             ] + outcomes[-1:]
     return outcomes
@@ -215,7 +238,7 @@ def _outcome(judge: Judge, one: _Read) -> Outcome:
     )
 
 
-def _write(grid: Grid, judge: Judge, progress: Progress) -> None:
+def _write(grid: Grid, judge: Judge, stamp: Stamper, progress: Progress) -> None:
     """Stamp what is new, a tile at a time, and write it down in the ledger."""
     settings = judge.settings.evidence
     plan: Plan = {}
@@ -223,8 +246,14 @@ def _write(grid: Grid, judge: Judge, progress: Progress) -> None:
         name: add_to_plan(plan, judge.laid_out[name], number, known.in_grid, settings)
         for number, (name, known) in enumerate(judge.accepted.items())
     }
-    for key in progress(sorted(plan), "tile"):
-        grid.tiles.write(key, fuse_tile(key, plan.pop(key), grid.tiles.read(key), settings))
+    tasks = (
+        (key, plan.pop(key), grid.tiles.read(key), settings)
+        for key in progress(sorted(plan), "tile")
+    )
+    tiles = len(plan)
+    for key, changed in stamp(tasks):
+        grid.tiles.write(key, changed)
+    log.info("%d excursions stamped into %d tiles", len(judge.accepted), tiles)
     now = datetime.now(UTC).isoformat(timespec="seconds")
     sources: dict[object, int] = {}
     for name, known in judge.accepted.items():

@@ -56,7 +56,7 @@ def info(path: Path) -> GridInfo:
     from possmap.core.lattice import TILE
     from possmap.files.settings import assemble
 
-    with Grid(path) as grid:
+    with Grid(path) as grid, grid.snapshot():
         window = grid.window
         extent = None
         if window is not None:

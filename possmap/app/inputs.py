@@ -30,14 +30,19 @@ def expand(inputs: Iterable[str]) -> Iterator[str]:
     A folder without a log yields itself, so that reading it says what is wrong.
     """
     for name in inputs:
-        path = Path(name)
-        if name == STDIN or not path.is_dir():
-            yield name
-            continue
-        logs = sorted(
-            (p for p in path.iterdir() if encoding_of(p) and p.is_file()), key=lambda p: p.name
-        )
-        yield from map(str, logs or [path])
+        logs = [] if name == STDIN else _logs_in(Path(name))
+        yield from logs or [name]
+
+
+def _logs_in(path: Path) -> list[str]:
+    """Return the logs in a folder by name; none if it is no folder or may not be read."""
+    try:
+        if not path.is_dir():
+            return []
+        logs = [p.name for p in path.iterdir() if encoding_of(p) is not None and p.is_file()]
+    except OSError:
+        return []  # reading it says why
+    return [str(path / log) for log in sorted(logs)]
 
 
 def read(name: str, limits: Limits, allow_truncated: bool) -> LogFile:
@@ -53,9 +58,15 @@ def read(name: str, limits: Limits, allow_truncated: bool) -> LogFile:
     if name == STDIN:
         return read_stdin(sys.stdin.buffer, limits, allow_truncated)
     path = Path(name)
-    if path.is_dir():
+    try:
+        is_folder = path.is_dir()
+        if is_folder:
+            next(path.iterdir(), None)  # says so if the folder may not be read
+    except OSError as error:
+        raise LogError(name, f"cannot be read: {error.strerror or error}") from error
+    if is_folder:
         raise LogError(name, f"the folder holds no logs, expected files of {', '.join(SUFFIXES)}")
-    if path.suffix == GRID_SUFFIX:
+    if path.suffix.lower() == GRID_SUFFIX:
         return _ledger_of(path)
     return read_log(path, limits, allow_truncated)
 
@@ -63,7 +74,7 @@ def read(name: str, limits: Limits, allow_truncated: bool) -> LogFile:
 def _ledger_of(path: Path) -> LogFile:
     """Read all excursions of a grid, each part with the file that once brought it."""
     deliveries: list[Delivery] = []
-    with Grid(path) as grid:
+    with Grid(path) as grid, grid.snapshot():
         origin = Origin(str(path), hashlib.sha256(grid.digest().encode()).hexdigest(), 0)
         versions = {entry.name: grid.ledger.version(entry) for entry in grid.ledger.entries()}
         for arrival in grid.ledger.arrivals():

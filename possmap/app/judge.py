@@ -77,7 +77,7 @@ class Judge:
             known = found.get(name) or before[name]
             found[name] = self._joined(known, delivery)
         new = {name: known for name, known in found.items() if known is not before[name]}
-        laid_out = {name: self._laid_out(known, log.origin.name) for name, known in new.items()}
+        laid_out = {name: self._laid_out(known) for name, known in new.items()}
         self.accepted.update(new)
         self.laid_out.update(laid_out)
         added = sum(
@@ -125,27 +125,25 @@ class Judge:
         part = Part(first, len(version.records) - first, delivery.origin, delivery.carrier)
         return replace(
             known,
-            version=version,
+            version=known.version.continued_by(version),
             parts=(*known.parts, part),
             places=(*known.places, delivery.place),
         )
 
     def _source(self, known: Known, record: int | None) -> str:
         """Return what brought a record, for a message."""
-        number = record or 0
-        for part, place in zip(known.parts, known.places, strict=True):
-            if part.first <= number < part.first + part.count or not part.count:
-                return printable(place)
         if self.ledger is not None:
             for arrival in self.ledger.arrivals(known.version.name):
-                part = arrival.part
-                if part.first <= number < part.first + part.count or not part.count:
-                    return f"{printable(part.origin.name)}, fused {arrival.fused_at}"
+                if record is None or arrival.part.holds(record):
+                    return f"{printable(arrival.part.origin.name)}, fused {arrival.fused_at}"
+        for part, place in zip(known.parts, known.places, strict=True):
+            if record is None or part.holds(record):
+                return printable(place)
         return "the grid"
 
-    def _laid_out(self, known: Known, name: str) -> Findings:
+    def _laid_out(self, known: Known) -> Findings:
         found = findings(known.version, known.model, self.settings.evidence)
-        _check_cells(found, known, name, self.settings)
+        _check_cells(found, known, self.settings)
         return found
 
 
@@ -153,7 +151,7 @@ def _count(known: Known | None) -> int:
     return 0 if known is None else len(known.version.records)
 
 
-def _check_cells(found: Findings, known: Known, name: str, settings: Settings) -> None:
+def _check_cells(found: Findings, known: Known, settings: Settings) -> None:
     """Refuse a record that touches more cells than the limit allows, before any is touched."""
     resolution = settings.evidence.resolution
     cells: dict[int, int] = {}
@@ -166,7 +164,7 @@ def _check_cells(found: Findings, known: Known, name: str, settings: Settings) -
         if count > limit:
             seq = known.version.records[number].seq
             raise LogError(
-                name,
+                known.places[-1],
                 f"seq {seq} of excursion {known.version.excursion} of robot {known.version.robot} "
                 f"touches up to {count:.3g} cells, expected at most {limit:.3g} "
                 "(setting limit_record_cells)",

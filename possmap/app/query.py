@@ -61,7 +61,7 @@ def query(path: Path, x: float, y: float, base_rate: float = 0.5) -> PointReport
     GridError
         If the file is no grid.
     """
-    with Grid(path) as grid:
+    with Grid(path) as grid, grid.snapshot():
         row, column = grid.lattice.cell_of(x, y)
         window = Window(row, row + 1, column, column + 1)
         names = [*views.VIEWS, "points"]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from possmap.errors import SettingsError, printable, shown
+from possmap.errors import SettingsError, printable
 from possmap.files.settings import (
     SHAPING,
     Given,
@@ -15,8 +16,8 @@ from possmap.files.settings import (
     Value,
     assemble,
     merged,
+    scalar,
 )
-from possmap.files.settings_yaml import read_profile, read_settings
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +42,15 @@ class Request:
         SettingsError
             For a profile or a file that cannot be used.
         """
-        profile = read_profile(self.profile) if self.profile else {}
-        config = read_settings(self.config) if self.config else {}
-        return merged([profile, config, self.flags, self.overrides])
+        levels = [self.flags, self.overrides]
+        if self.profile or self.config:
+            # YAML is slow to import, and most calls need none of it.
+            from possmap.files.settings_yaml import read_profile, read_settings
+
+            profile = read_profile(self.profile) if self.profile else {}
+            config = read_settings(self.config) if self.config else {}
+            levels = [profile, config, *levels]
+        return merged(levels)
 
 
 def in_force(
@@ -69,10 +76,10 @@ def in_force(
     for name in SHAPING:
         if name in values and values[name] != stored[name]:
             _, origin = given[name]
-            path = printable(str(grid))
+            path, value = printable(str(grid)), scalar(values[name])
             raise SettingsError(
-                f"{origin}: {name}, found {shown(values[name])}, but {path} was made with "
-                f"{shown(stored[name])} and keeps it; to fuse its logs anew: "
-                f"possmap fuse {path} -g NEW.possmap --set {name}={values[name]}"
+                f"{origin}: {name}, found {value}, but {path} was made with "
+                f"{scalar(stored[name])} and keeps it; to fuse its logs anew: "
+                f"possmap fuse {shlex.quote(path)} -g NEW.possmap --set {name}={value}"
             )
     return assemble({**stored, **values})

@@ -72,19 +72,21 @@ def check(
 
 
 def _as_text(one: Inspection) -> Iterator[str]:
+    from possmap.errors import plural
+
     carried = f", carried by {' '.join(one.carried_by)}" if one.carried_by else ""
     yield f"  {one.robot} {one.excursion}{carried}"
     kinds = ", ".join(f"{count} {kind}" for kind, count in one.kinds.items())
     yield f"    records   {sum(one.kinds.values())}{f': {kinds}' if kinds else ''}"
     time = "no times" if one.seconds is None else f"{one.seconds:.1f} s"
-    yield (
-        f"    track     {one.distance:.2f} m, {one.turns} turns of {one.turned_deg:.0f}° in all, "
-        f"{time}"
-    )
+    turns = f"{plural(one.turns, 'turn')} of {one.turned_deg:.0f}° in all"
+    yield f"    track     {one.distance:.2f} m, {turns}, {time}"
     if one.half_x is not None:
         yield (
             f"    ends in   ±{one.half_x:.3f} m in x, ±{one.half_y:.3f} m in y, "
             f"±{one.heading_half_deg:.1f}°"
         )
     if one.waiting:
-        yield f"    waiting   {one.waiting} records after the last pose yield nothing yet"
+        verb = "yields" if one.waiting == 1 else "yield"
+        some = plural(one.waiting, "record")
+        yield f"    waiting   {some} {verb} nothing until a pose follows"

@@ -23,7 +23,11 @@ from possmap.cli import options
 )
 @options.settings
 @click.option(
-    "--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at work."
+    "--jobs",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Processes that stamp tiles; worth it for many logs.",
 )
 @click.option("--strict", is_flag=True, help="The first refused log ends the run, nothing is kept.")
 @click.option("--dry-run", is_flag=True, help="Read and judge the logs, write nothing.")
@@ -53,7 +57,7 @@ def fuse(
     """
     from possmap.app.fuse import fuse as fuse_logs
     from possmap.cli.progress import bar
-    from possmap.errors import printable
+    from possmap.errors import plural, printable
 
     summary = fuse_logs(
         logs,
@@ -62,6 +66,7 @@ def fuse(
         strict=strict,
         dry_run=dry_run,
         allow_truncated=allow_truncated,
+        jobs=jobs,
         progress=bar,
     )
     for log in summary.logs:
@@ -92,14 +97,10 @@ def fuse(
     elif not ctx.obj["quiet"]:
         would = "would fuse" if dry_run else "fused"
         line = (
-            f"{printable(str(grid))}: {would} {_logs(summary.count('fused'))} "
-            f"({summary.records_new} new records), {summary.count('known')} known, "
+            f"{printable(str(grid))}: {would} {plural(summary.count('fused'), 'log')} "
+            f"({plural(summary.records_new, 'new record')}), {summary.count('known')} known, "
             f"{summary.count('refused')} refused"
         )
         click.echo(line)
     if summary.count("refused"):
         ctx.exit(1)
-
-
-def _logs(count: int) -> str:
-    return f"{count} log" if count == 1 else f"{count} logs"

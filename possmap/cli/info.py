@@ -67,8 +67,8 @@ def _as_json(found: GridInfo) -> dict[str, Any]:
 
 
 def _as_text(found: GridInfo) -> list[str]:
-    from possmap.errors import printable
-    from possmap.files.settings import SHAPING, Settings, flat_evidence
+    from possmap.errors import plural, printable
+    from possmap.files.settings import SHAPING, Settings, flat_evidence, scalar
 
     size = "nothing"
     if found.window and found.extent_m:
@@ -81,20 +81,24 @@ def _as_text(found: GridInfo) -> list[str]:
     lines = [
         f"grid        {printable(str(found.grid))}, {found.file_size / 1024:.0f} KiB",
         f"digest      {found.digest}",
-        f"map         {size}, {found.tiles} tiles",
-        f"evidence    {found.records} records of {len(found.excursions)} excursions"
-        f" by {len(found.robots)} robots",
+        f"map         {size}, {plural(found.tiles, 'tile')}",
+        f"evidence    {plural(found.records, 'record')} of "
+        f"{plural(len(found.excursions), 'excursion')} by {plural(len(found.robots), 'robot')}",
     ]
     defaults = flat_evidence(Settings().evidence)
     changed = [
-        f"{name} {found.stored[name]}" for name in SHAPING if found.stored[name] != defaults[name]
+        f"{name} {scalar(found.stored[name])}"
+        for name in SHAPING
+        if found.stored[name] != defaults[name]
     ]
     changed += [
-        f"{name} {value}" for name, value in sorted(found.stored.items()) if name not in SHAPING
+        f"{name} {scalar(value)}"
+        for name, value in sorted(found.stored.items())
+        if name not in SHAPING
     ]
-    lines += [f"settings    {', '.join(changed) or 'the paper’s, all of them'}"]
+    lines += ["settings    " + (", ".join(changed) or "the paper's, all of them")]
     for one in found.excursions:
-        lines += [f"  {one.robot} {one.excursion}: {one.records} records"]
+        lines += [f"  {one.robot} {one.excursion}: {plural(one.records, 'record')}"]
         for arrival in found.arrivals:
             if (arrival.robot, arrival.excursion) == one.name:
                 part = arrival.part

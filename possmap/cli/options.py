@@ -43,6 +43,27 @@ window = click.option(
 )
 
 
+def base_rate(command: F) -> F:
+    """Add ``--config`` and ``--base-rate``, which become ``base_rate``."""
+    rate = click.option(
+        "--base-rate",
+        type=click.FloatRange(0, 1, min_open=True, max_open=True),
+        help="Probability of a wall where nothing is known, for the view probability."
+        "  [default: 0.5]",
+    )
+    config = click.option(
+        "--config", type=EXISTING_FILE, help="A YAML file of settings, for its base_rate."
+    )
+    return config(rate(command))
+
+
+def chosen_base_rate(config: Path | None, base_rate: float | None) -> float:
+    """Return the base rate: of the option, else of the settings file, else the default."""
+    from possmap.app.settings import Request, in_force
+
+    return in_force(Request(config=config).given()).base_rate if base_rate is None else base_rate
+
+
 def settings(command: F) -> F:
     """Add ``--profile``, ``--config``, ``--resolution`` and ``--set``, which become ``request``."""
     for option in (
@@ -56,7 +77,9 @@ def settings(command: F) -> F:
         click.option("--resolution", metavar="M", help="Metres per cell.  [default: 0.05]"),
         click.option("--config", type=EXISTING_FILE, help="A YAML file of settings."),
         click.option(
-            "--profile", type=click.Choice(["paper", "robust"]), help="A shipped set of settings."
+            "--profile",
+            type=click.Choice(["paper", "robust"]),
+            help="A shipped set of settings; robust is not in this version.",
         ),
     ):
         command = option(command)
@@ -86,11 +109,13 @@ def request(
 
 
 def _given(name: str, text: str, origin: str) -> GivenSettings:
-    from possmap.errors import SettingsError
+    from possmap.errors import NotYetError, SettingsError
     from possmap.files.settings import parse_setting
 
     try:
         return {name: parse_setting(name, text, origin)}
+    except NotYetError:
+        raise  # rightly spelt: not wrong usage
     except SettingsError as error:
         raise click.UsageError(str(error)) from error
 
@@ -102,6 +127,8 @@ def _window(text: str | None) -> tuple[float, float, float, float] | None:
         x0, y0, x1, y1 = (float(part) for part in text.split(","))
     except ValueError:
         raise click.BadParameter(f"found {text!r}, expected X0,Y0,X1,Y1 in metres") from None
+    if not all(abs(value) <= 1e6 for value in (x0, y0, x1, y1)):
+        raise click.BadParameter(f"found {text!r}, expected metres within ±1e6")
     if not (x0 < x1 and y0 < y1):
         raise click.BadParameter(f"found {text!r}, expected X0 < X1 and Y0 < Y1")
     return x0, y0, x1, y1

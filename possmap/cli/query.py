@@ -17,22 +17,31 @@ def _coordinate(ctx: click.Context, param: click.Parameter, value: float) -> flo
     return value
 
 
+class _WithNumbers(click.Command):
+    """A command whose arguments may be negative numbers, and whose options are still known ones."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        known = [name for param in self.get_params(ctx) for name in param.opts]
+        for arg in args[: args.index("--")] if "--" in args else args:
+            name = arg.partition("=")[0]
+            if name.startswith("--") and name not in known:
+                raise click.NoSuchOption(name, ctx=ctx)
+        return super().parse_args(ctx, args)
+
+
 @click.command(
+    cls=_WithNumbers,
     epilog="Example: possmap query site.possmap 1.0 -0.9",
     context_settings={"ignore_unknown_options": True},  # -0.9 is a number, not an option
 )
 @options.grid_argument
 @click.argument("x", type=float, callback=_coordinate)
 @click.argument("y", type=float, callback=_coordinate)
-@click.option(
-    "--base-rate",
-    type=click.FloatRange(0, 1, min_open=True, max_open=True),
-    default=0.5,
-    show_default=True,
-    help="Probability of a wall where nothing is known.",
-)
+@options.base_rate
 @options.as_json
-def query(grid: Path, x: float, y: float, base_rate: float, as_json: bool) -> None:
+def query(
+    grid: Path, x: float, y: float, config: Path | None, base_rate: float | None, as_json: bool
+) -> None:
     """Say what is known of the point (X, Y), in metres, and which records say so.
 
     N, the necessity of a wall, does not mean that this very cell is wall, but that a wall lies
@@ -40,7 +49,7 @@ def query(grid: Path, x: float, y: float, base_rate: float, as_json: bool) -> No
     """
     from possmap.app.query import query as ask
 
-    report = ask(grid, x, y, base_rate)
+    report = ask(grid, x, y, options.chosen_base_rate(config, base_rate))
     if as_json:
         click.echo(json.dumps(asdict(report)))
         return
@@ -64,4 +73,4 @@ def _in_words(necessity: float, possibility: float) -> str:
         return "contradicted"
     if necessity == 0 and possibility == 1:
         return "unknown"
-    return f"P(wall) between {necessity:.2f} and {possibility:.2f}"
+    return f"P(wall) between {necessity:.4f} and {possibility:.4f}"

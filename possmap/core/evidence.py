@@ -96,6 +96,11 @@ class Findings:
     geometry: dict[int, Geometry]
     evidence: tuple[Evidence, ...]
 
+    def before(self, count: int) -> Findings:
+        """Return what the first ``count`` records alone yield."""
+        known = tuple(one for one in self.evidence if one.closed_by < count)
+        return Findings(self.model, self.geometry, known)
+
 
 def findings(excursion: PartialMap, model: ErrorModel, settings: EvidenceSettings) -> Findings:
     """Correct, propagate and lay out one excursion: METHOD §1 and §2 in four steps."""

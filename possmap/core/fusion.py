@@ -181,7 +181,10 @@ def _extent(jobs: list[Job], window: Window, resolution: float) -> Window:
 
 def necessity_of(weights: Weights) -> NDArray[np.float64]:
     """Return N = 1 - exp(-w / 2¹⁸) of integer weights (METHOD §3)."""
-    necessity: NDArray[np.float64] = -np.expm1(weights / -UNIT)
+    # Most cells of a map hold no wall, and the exponential is what takes the time.
+    necessity = np.zeros(weights.shape)
+    some = np.nonzero(weights)
+    necessity[some] = -np.expm1(weights[some] / -UNIT)
     return necessity
 
 

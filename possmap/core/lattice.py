@@ -59,10 +59,18 @@ class Window:
             max(self.column1, other.column1),
         )
 
-    def bands(self, rows: int) -> Iterator[Window]:
-        """Cut the window into bands of at most ``rows`` rows, from the lowest y up."""
+    def bands(self, cells: int) -> Iterator[Window]:
+        """Cut the window into pieces of at most so many cells, in the order of an array's rows."""
+        width = max(1, self.column1 - self.column0)
+        rows, columns = max(1, cells // width), min(width, cells)
         for row in range(self.row0, self.row1, rows):
-            yield Window(row, min(row + rows, self.row1), self.column0, self.column1)
+            for column in range(self.column0, self.column1, columns):
+                yield Window(
+                    row,
+                    min(row + rows, self.row1),
+                    column,
+                    min(column + columns, self.column1),
+                )
 
     def slices_in(self, outer: Window) -> tuple[slice, slice]:
         """Return the index of this window in an array that covers ``outer``."""
@@ -76,6 +84,13 @@ def tile_window(key: TileKey) -> Window:
     """Return the cells of a tile."""
     row, column = key.row * TILE, key.column * TILE
     return Window(row, row + TILE, column, column + TILE)
+
+
+def tiles_of(window: Window) -> Iterator[TileKey]:
+    """Yield the tiles that a window touches."""
+    for row in range(window.row0 // TILE, -(-window.row1 // TILE)):
+        for column in range(window.column0 // TILE, -(-window.column1 // TILE)):
+            yield TileKey(row, column)
 
 
 @dataclass(frozen=True, slots=True)

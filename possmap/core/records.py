@@ -119,6 +119,12 @@ class PartialMap:
         """Robot and excursion."""
         return self.robot, self.excursion
 
+    def continued_by(self, longer: PartialMap) -> PartialMap:
+        """Return a longer version's records behind one's own; own ``x_`` keys stay."""
+        records = (*self.records, *longer.records[len(self.records) :])
+        extra = self.extra or longer.extra
+        return PartialMap(self.robot, self.excursion, self.model, records, extra)
+
     def prefix(self, count: int) -> PartialMap:
         """Return the version that ends after ``count`` records."""
         if count >= len(self.records):

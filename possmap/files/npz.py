@@ -9,9 +9,12 @@ from typing import BinaryIO
 import numpy as np
 from numpy.lib import format as npy
 
-from possmap.core.lattice import TILE, Window
+from possmap.core.lattice import Window
 from possmap.core.views import CellArray
 from possmap.files.gridfile.grid import Grid
+
+CELLS_AT_ONCE = 1 << 20
+"""Cells in memory, whatever the window's shape."""
 
 
 def write_npz(grid: Grid, window: Window, stream: BinaryIO) -> None:
@@ -33,7 +36,7 @@ def _layer(
     with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
         header = {"descr": "<f4", "fortran_order": False, "shape": window.shape}
         npy.write_array_header_1_0(member, header)
-        for band in window.bands(TILE):
+        for band in window.bands(CELLS_AT_ONCE):
             member.write(read(band).astype("<f4").tobytes())
 
 

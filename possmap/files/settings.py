@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 from possmap.core.model import LARGEST, PARAMETERS, ErrorModel, check_parameter
 from possmap.core.settings import NO_ROBOTS, EvidenceSettings, RobotModels
-from possmap.errors import SettingsError, did_you_mean, shown
+from possmap.errors import NotYetError, SettingsError, did_you_mean, shown
 from possmap.files.limits import Limits
 from possmap.files.logs.fields import NAME
 
@@ -45,11 +45,15 @@ GivenSettings: TypeAlias = Mapping[str, Given]
 """Flat name -> value; a robot's parameter is named ``robots.NAME.parameter``."""
 
 
+class _NotYet(Exception):
+    """A value that a later version will have."""
+
+
 class _Wrong(Exception):
     """A value that does not fit its setting; the message says what was expected."""
 
 
-_NUMBER = re.compile(r"[+-]?([0-9][0-9_]*\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+_NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
 def _number(text: str) -> float:
@@ -59,6 +63,13 @@ def _number(text: str) -> float:
     if not -LARGEST <= value <= LARGEST:
         raise _Wrong("expected a number within ±1e6")
     return value + 0.0
+
+
+def _resolution(text: str) -> float:
+    value = _number(text)
+    if value < 1e-6:
+        raise _Wrong("expected a number >= 1e-6")
+    return value
 
 
 def _positive(text: str) -> float:
@@ -102,7 +113,7 @@ def _parameter(name: str) -> Callable[[str], float]:
 def _one_of(*words: str, later: str = "") -> Callable[[str], str]:
     def parse(text: str) -> str:
         if text and text == later:
-            raise _Wrong(f"which this version does not have yet; it has {', '.join(words)}")
+            raise _NotYet(f"which this version does not have yet; it has {', '.join(words)}")
         if text not in words:
             raise _Wrong(f"expected {' or '.join(words)}{did_you_mean(text, words)}")
         return text
@@ -119,7 +130,7 @@ class Setting(NamedTuple):
 
 SHAPING: Mapping[str, Setting] = MappingProxyType(
     {
-        "resolution": Setting(_positive, "metres per cell"),
+        "resolution": Setting(_resolution, "metres per cell"),
         "estimator": Setting(
             _one_of("linear", later="heading"), "how error rectangles grow; linear: the paper's"
         ),
@@ -188,21 +199,28 @@ def parse_setting(name: str, text: str, origin: str) -> Given:
     SettingsError
         ``origin: name, value found, what was expected``.
     """
-    setting = _setting(name, origin)
+    setting = known_setting(name, origin)
     try:
         return Given(setting.parse(text), origin)
     except _Wrong as wrong:
         raise SettingsError(f"{origin}: {name}, found {shown(text)}, {wrong}") from None
+    except _NotYet as later:
+        raise NotYetError(f"{origin}: {name}, found {shown(text)}, {later}") from None
 
 
-def _setting(name: str, origin: str) -> Setting:
-    if name.startswith(_ROBOT):
-        robot, _, parameter = name.removeprefix(_ROBOT).rpartition(".")
+def known_setting(name: str, origin: str) -> Setting:
+    """Return the setting of that name.
+
+    Raises
+    ------
+    SettingsError
+        If there is none, with the closest that there is.
+    """
+    if name == "robots" or name.startswith(_ROBOT):
+        robot, _, parameter = name.removeprefix("robots").removeprefix(".").rpartition(".")
         if not NAME.fullmatch(robot):
-            raise SettingsError(
-                f"{origin}: robots, found {shown(robot)}, expected a robot's name: "
-                "robots.NAME.PARAMETER"
-            )
+            found = shown(robot or parameter)
+            raise SettingsError(f"{origin}: robots, found {found}, expected robots.NAME.PARAMETER")
         if parameter not in PARAMETERS:
             guess = did_you_mean(parameter, PARAMETERS)
             raise SettingsError(
@@ -260,7 +278,7 @@ def to_yaml(settings: Settings) -> str:
     if settings.robots:
         lines += ["robots:"]
         for robot, parameters in sorted(settings.robots.items()):
-            entries = ", ".join(f"{name}: {_scalar(v)}" for name, v in sorted(parameters.items()))
+            entries = ", ".join(f"{name}: {scalar(v)}" for name, v in sorted(parameters.items()))
             lines += [f'  "{robot}": {{{entries}}}']
     else:
         lines += ["robots: {}"]
@@ -270,10 +288,11 @@ def to_yaml(settings: Settings) -> str:
 
 
 def _yaml_line(name: str, value: Value, meaning: str) -> str:
-    return f"{f'{name}: {_scalar(value)}':<40}# {meaning}"
+    return f"{f'{name}: {scalar(value)}':<39} # {meaning}"
 
 
-def _scalar(value: Value) -> str:
+def scalar(value: Value) -> str:
+    """Return a value as settings spell it."""
     if isinstance(value, bool):
         return "true" if value else "false"
     return repr(value) if isinstance(value, float) else str(value)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import yaml
 
-from possmap.errors import SettingsError, printable, shown
-from possmap.files.settings import Given, GivenSettings, parse_setting
+from possmap.errors import NotYetError, SettingsError, printable, shown
+from possmap.files.settings import Given, GivenSettings, known_setting, parse_setting
 
 LARGEST_BYTES = 1 << 20
 DEEPEST = 8
@@ -31,7 +31,7 @@ def read_profile(name: str) -> GivenSettings:
     """
     path = shipped(f"{name}.yaml")
     if not path.exists():
-        raise SettingsError(
+        raise NotYetError(
             f"--profile, found {shown(name)}, which this version does not have yet; it has paper"
         )
     given = read_settings(path)
@@ -62,14 +62,15 @@ def read_settings(path: Path) -> GivenSettings:
         raise SettingsError(f"{name}: not UTF-8 text, expected a settings file") from error
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 1
-        raise SettingsError(f"{name}:{line}: not YAML: {error.problem}") from error
+        problem = ": ".join(part for part in (error.context, error.problem) if part)
+        raise SettingsError(f"{name}:{line}: not YAML: {problem}") from error
     except yaml.YAMLError as error:
         raise SettingsError(f"{name}: not YAML: {' '.join(str(error).split())}") from error
+    except (ValueError, OverflowError) as error:  # PyYAML lets some numbers of its own pass
+        raise SettingsError(f"{name}: not YAML: {error}") from error
     settings: dict[str, Given] = {}
     for key, text_value, line in _flattened(root, name):
         origin = f"{name}:{line}"
-        if key in settings:
-            raise SettingsError(f"{origin}: {key} is given twice")
         settings[key] = parse_setting(key, text_value, origin)
     return settings
 
@@ -89,13 +90,14 @@ def _check_depth(text: str, name: str) -> None:
 
 def _flattened(root: yaml.Node | None, name: str) -> Iterator[tuple[str, str, int]]:
     """Yield flat name, text and line of each value; scalars keep the text that was written."""
-    if root is None:
+    if root is None or _is_null(root):
         return
     for key, node, line in _members(root, name, "expected name: value"):
         if key != "robots":
+            known_setting(key, f"{name}:{line}")
             yield key, _text(node, f"{name}:{line}", key), line
             continue
-        if isinstance(node, yaml.ScalarNode) and node.tag == "tag:yaml.org,2002:null":
+        if _is_null(node):
             continue
         for robot, parameters, _ in _members(node, name, "expected robot: {parameter: value}"):
             inside = "expected parameter: value"
@@ -108,11 +110,19 @@ def _members(node: yaml.Node, name: str, expected: str) -> Iterator[tuple[str, y
     line = node.start_mark.line + 1
     if not isinstance(node, yaml.MappingNode):
         raise SettingsError(f"{name}:{line}: found {_kind(node)}, {expected}")
+    seen: set[str] = set()
     for key, value in node.value:
         line = key.start_mark.line + 1
         if not isinstance(key, yaml.ScalarNode):
             raise SettingsError(f"{name}:{line}: found {_kind(key)} for a name, {expected}")
+        if key.value in seen:
+            raise SettingsError(f"{name}:{line}: {shown(key.value)} is given twice")
+        seen.add(key.value)
         yield key.value, value, line
+
+
+def _is_null(node: yaml.Node) -> bool:
+    return isinstance(node, yaml.ScalarNode) and node.tag == "tag:yaml.org,2002:null"
 
 
 def _text(node: yaml.Node, origin: str, key: str) -> str:

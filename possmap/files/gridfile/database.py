@@ -45,7 +45,7 @@ class Database:
     def __init__(self, path: Path, write: bool = False) -> None:
         self.path = path
         self.name = printable(str(path))
-        exists = _check_file(path, self.name, write)
+        exists = check_file(path, write)
         # A journal that an interrupted writer left must be rolled back, which needs write access.
         mode = "rwc" if write else "rw" if _journal(path).exists() else "ro"
         with self._explained():
@@ -56,7 +56,7 @@ class Database:
                 isolation_level=None,
             )
             self._connection.execute("PRAGMA cache_size = -65536")
-            self._connection.execute("PRAGMA synchronous = FULL")
+            self._connection.execute("PRAGMA synchronous = EXTRA")
         if exists and not self.is_new():
             self._check_format()
 
@@ -98,10 +98,11 @@ class Database:
             row: Row | None = self._connection.execute(sql, values).fetchone()
         return row
 
-    def all(self, sql: str, values: Sequence[object] = ()) -> Iterator[Row]:
-        """Yield the rows one by one."""
+    def all(self, sql: str, values: Sequence[object] = ()) -> list[Row]:
+        """Return all rows: a cursor left open in the middle would hold its lock."""
         with self._explained():
-            yield from self._connection.execute(sql, values)
+            rows: list[Row] = self._connection.execute(sql, values).fetchall()
+        return rows
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
@@ -115,6 +116,15 @@ class Database:
                 self._connection.rollback()
             raise
 
+    @contextmanager
+    def snapshot(self) -> Iterator[None]:
+        """Read one state of the grid throughout, whoever writes meanwhile."""
+        self.execute("BEGIN")
+        try:
+            yield
+        finally:
+            self.execute("COMMIT")
+
     def close(self) -> None:
         """Close the connection."""
         self._connection.close()
@@ -127,17 +137,30 @@ class Database:
             if "locked" in str(error) or "busy" in str(error):
                 problem = f"in use by another process for more than {WAIT_S:.0f} s; try again"
                 raise GridError(f"{self.name}: {problem}") from error
-            raise GridError(f"{self.name}: cannot be used: {error}") from error
-        except sqlite3.DatabaseError as error:
-            raise GridError(f"{self.name}: damaged: {error}") from error
+            if "decode" in str(error):
+                raise self.damaged(str(error)) from error
+            raise GridError(f"{self.name}: cannot be used: {printable(str(error))}") from error
+        except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
+            raise self.damaged(str(error)) from error
+
+    def damaged(self, what: str) -> GridError:
+        """Return the error that says what in the file is not as it was written."""
+        return GridError(f"{self.name}: damaged: {printable(what)[:200]}")
 
 
 def _journal(path: Path) -> Path:
     return path.with_name(path.name + "-journal")
 
 
-def _check_file(path: Path, name: str, write: bool) -> bool:
-    """Look at the file's first bytes, before SQLite does; return whether it holds anything."""
+def check_file(path: Path, write: bool) -> bool:
+    """Look at the file's first bytes, before SQLite does; return whether it holds anything.
+
+    Raises
+    ------
+    GridError
+        If it cannot be a grid, or with ``write`` cannot become one.
+    """
+    name = printable(str(path))
     try:
         if not path.exists():
             if not write:

@@ -21,7 +21,7 @@ from possmap.errors import GridError, SettingsError, did_you_mean
 from possmap.files.gridfile.database import Database
 from possmap.files.gridfile.ledger import Ledger
 from possmap.files.gridfile.tiles import TileStore
-from possmap.files.settings import SHAPING, Value, assemble, flat_evidence
+from possmap.files.settings import SHAPING, Value, assemble, flat_evidence, parse_setting
 
 
 class Grid:
@@ -150,14 +150,23 @@ class Grid:
         stored: dict[str, Value] = {}
         for name, value in self._database.all("SELECT name, value FROM setting"):
             try:
-                stored[name] = json.loads(value)
-            except ValueError as error:
-                raise GridError(f"{self._database.name}: damaged: setting {name}") from error
+                text = str(json.loads(value))
+                text = text.lower() if text in ("True", "False") else text
+                stored[name] = parse_setting(name, text, "").value
+            except (ValueError, TypeError, SettingsError) as error:
+                raise self._database.damaged(f"setting {name!r}") from error
+        for name in SHAPING:
+            if name not in stored:
+                raise self._database.damaged(f"setting {name} is missing")
         return stored
 
     def transaction(self) -> AbstractContextManager[None]:
         """Change the grid: all of what is done inside, or nothing, whatever happens."""
         return self._database.transaction()
+
+    def snapshot(self) -> AbstractContextManager[None]:
+        """Read one state of the grid throughout; a writer waits meanwhile."""
+        return self._database.snapshot()
 
     def prepare(self, settings: EvidenceSettings, robots: RobotModels) -> None:
         """Lay out a new grid, inside a transaction; a known one only takes over robots' entries.

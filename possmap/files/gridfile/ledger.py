@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
 from operator import attrgetter
 
@@ -15,7 +16,7 @@ from possmap.core.lattice import TileKey
 from possmap.core.model import PARAMETERS, ErrorModel
 from possmap.core.propagation import ErrorRectangle
 from possmap.core.records import KIND_OF, KINDS, PartialMap, Pose, Record
-from possmap.files.gridfile.database import Database, Row
+from possmap.files.gridfile.database import Database
 from possmap.files.logs.delivery import Origin
 
 
@@ -31,6 +32,10 @@ class Part:
     count: int
     origin: Origin
     carrier: tuple[str, str] | None
+
+    def holds(self, number: int) -> bool:
+        """Whether it brought the record of that number."""
+        return self.first <= number < self.first + self.count
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +82,11 @@ _GEOMETRY = (
     "map_x2", "map_y2", "half_x2", "half_y2", "map_heading",
 )  # fmt: skip
 _FLAGS = frozenset({"followed", "hit"})
+_MAY_BE_ABSENT = frozenset({"t", "upto"})
+_TYPES: dict[str, type] = {
+    "seq": int, "followed": int, "hit": int, "upto": int,
+    "corner": str, "peer": str, "peer_excursion": str, "extra": str,
+}  # fmt: skip
 _READ_COLUMNS = sorted({column for kind in KINDS.values() for _, column in _columns(kind)})
 
 
@@ -135,7 +145,10 @@ class Ledger:
     def _entries(self, clause: str, values: Sequence[object]) -> Iterator[Entry]:
         sql = f"SELECT id, robot, name, model, records FROM excursion {clause}"
         for identity, robot, name, model, records in self._database.all(sql, values):
-            yield Entry(identity, robot, name, ErrorModel(**json.loads(model)), records)
+            with self._sound(f"excursion {name} of robot {robot}"):
+                _check_types((robot, str), (name, str), (model, str), (records, int))
+                entry = Entry(identity, robot, name, ErrorModel(**json.loads(model)), records)
+            yield entry
 
     def version(self, entry: Entry) -> PartialMap:
         """Return all that is known of an excursion, as logged."""
@@ -144,28 +157,53 @@ class Ledger:
         )
         own_model, extra = row or ("{}", "")
         columns = ", ".join(f'"{column}"' for column in _READ_COLUMNS)
-        records = tuple(
-            _record(row[0], dict(zip(_READ_COLUMNS, row[1:], strict=True)))
-            for row in self._database.all(
-                f"SELECT kind, {columns} FROM record WHERE excursion = ? ORDER BY number",
-                (entry.identity,),
-            )
+        rows = self._database.all(
+            f"SELECT kind, {columns} FROM record WHERE excursion = ? ORDER BY number",
+            (entry.identity,),
         )
-        model = tuple(sorted(json.loads(own_model).items()))
-        return PartialMap(entry.robot, entry.excursion, model, records, extra)
+        with self._sound(f"excursion {entry.excursion} of robot {entry.robot}"):
+            if len(rows) != entry.records:
+                raise ValueError(f"{len(rows)} records, expected {entry.records}")
+            records = tuple(
+                _record(kind, dict(zip(_READ_COLUMNS, values, strict=True)))
+                for kind, *values in rows
+            )
+            model = tuple(sorted(json.loads(own_model).items()))
+            return PartialMap(entry.robot, entry.excursion, model, records, extra)
 
     def geometry(self, entry: Entry) -> dict[int, Geometry]:
         """Return where an excursion's records lie on the map, by number."""
-        return {
-            number: Geometry(
-                x, y, ErrorRectangle(half_x, half_y), x2, y2, ErrorRectangle(half_x2, half_y2), turn
-            )
-            for number, x, y, half_x, half_y, x2, y2, half_x2, half_y2, turn in self._database.all(
-                f"SELECT number, {', '.join(_GEOMETRY)} FROM record"
-                " WHERE excursion = ? AND map_x IS NOT NULL",
-                (entry.identity,),
-            )
-        }
+        return dict(self._geometry("excursion = ?", (entry.identity,)))
+
+    def _geometry(self, where: str, values: Sequence[object]) -> Iterator[tuple[int, Geometry]]:
+        sql = (
+            f"SELECT number, {', '.join(_GEOMETRY)} FROM record"
+            f" WHERE {where} AND map_x IS NOT NULL ORDER BY excursion, number"
+        )
+        for number, x, y, half_x, half_y, x2, y2, half_x2, half_y2, heading in self._database.all(
+            sql, values
+        ):
+            with self._sound(f"the place of record {number}"):
+                for value in (x, y, half_x, half_y, x2, y2, half_x2, half_y2):
+                    _check_types((value, float))
+                rect, rect2 = ErrorRectangle(half_x, half_y), ErrorRectangle(half_x2, half_y2)
+            yield number, Geometry(x, y, rect, x2, y2, rect2, heading)
+
+    def places(
+        self, kind: str, window_m: tuple[float, float, float, float] | None = None
+    ) -> Iterator[tuple[Entry, int, Geometry]]:
+        """Yield where the records of one kind lie on the map, excursion by excursion.
+
+        window_m : only those within x0, y0, x1, y1 [m].
+        """
+        within = "" if window_m is None else " AND map_x BETWEEN ? AND ? AND map_y BETWEEN ? AND ?"
+        x0, y0, x1, y1 = window_m or (0, 0, 0, 0)
+        values = () if window_m is None else (x0, x1, y0, y1)
+        for entry in list(self.entries()):
+            for number, geometry in self._geometry(
+                "excursion = ? AND kind = ?" + within, (entry.identity, kind, *values)
+            ):
+                yield entry, number, geometry
 
     def touching(self, key: TileKey) -> dict[int, set[int]]:
         """Return the records that touch a tile: excursion's id -> numbers."""
@@ -188,13 +226,25 @@ class Ledger:
         ):
             robot, excursion, first, count, by_robot, by_excursion, *origin, at, version = row
             carrier = None if by_robot is None else (by_robot, by_excursion)
+            with self._sound(f"the arrivals of excursion {excursion} of robot {robot}"):
+                _check_types((first, int), (count, int), (origin[0], str), (at, str))
             part = Part(first, count, Origin(*origin), carrier)
             yield Arrival(robot, excursion, part, at, version)
 
     def hashes(self) -> Iterator[bytes]:
         """Yield the hash of every excursion, in canonical order."""
         for (digest,) in self._database.all("SELECT hash FROM excursion ORDER BY robot, name"):
+            if not isinstance(digest, bytes):
+                raise self._database.damaged("the hash of an excursion")
             yield digest
+
+    @contextmanager
+    def _sound(self, what: str) -> Iterator[None]:
+        """Turn what cannot have been written so into the error that says it is damaged."""
+        try:
+            yield
+        except (ValueError, TypeError, KeyError) as error:
+            raise self._database.damaged(f"{what}: {error}") from error
 
     def add_source(self, origin: Origin, fused_at: str, version: str) -> int:
         """Note a file that brings something new, and return its id."""
@@ -226,7 +276,8 @@ class Ledger:
         row = self._database.one(
             "INSERT INTO excursion (robot, name, own_model, model, records, hash, extra)"
             " VALUES (?, ?, ?, ?, ?, ?, ?) ON CONFLICT (robot, name) DO UPDATE SET"
-            " records = excluded.records, hash = excluded.hash RETURNING id",
+            " records = excluded.records, hash = excluded.hash, extra = excluded.extra"
+            " RETURNING id",
             (
                 version.robot, version.excursion, json.dumps(dict(version.model)),
                 json.dumps(asdict(model)), len(version.records),
@@ -281,10 +332,21 @@ def _laid_out(geometry: Mapping[int, Geometry], number: int) -> tuple[float | No
     )  # fmt: skip
 
 
-def _record(kind: str, row: dict[str, Row]) -> Record:
-    cls = KINDS[kind]
-    values = {
-        name: bool(row[column]) if column in _FLAGS else row[column]
-        for name, column in _columns(cls)
-    }
-    return cls(**values)  # type: ignore[arg-type]  # the columns hold what was written
+def _record(kind: str, row: Mapping[str, object]) -> Record:
+    """Return a record of its row; ValueError or TypeError if it cannot have been written so."""
+    make: Callable[..., Record] = KINDS[kind]
+    values: dict[str, object] = {}
+    for name, column in _columns(KINDS[kind]):
+        value = row[column]
+        if value is None and column not in _MAY_BE_ABSENT:
+            raise ValueError(f"{column} is missing")
+        if value is not None and type(value) is not _TYPES.get(column, float):
+            raise TypeError(f"{column} is no {_TYPES.get(column, float).__name__}")
+        values[name] = bool(value) if column in _FLAGS else value
+    return make(**values)
+
+
+def _check_types(*values: tuple[object, type]) -> None:
+    for value, expected in values:
+        if type(value) is not expected:
+            raise TypeError(f"found a {type(value).__name__}, expected a {expected.__name__}")

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from possmap.core.evidence import Layer
 from possmap.core.fusion import LayerArray, TileLayers, blank
 from possmap.core.lattice import TILE, TileKey, Window, tile_window
-from possmap.errors import GridError
 from possmap.files.gridfile.database import Database
 
 _COMPRESSION = 3
@@ -72,11 +71,15 @@ def decode(layer: Layer, bounds: Window, data: bytes) -> LayerArray:
     planes = inflated.decompress(data[1:], size + 1)
     if len(planes) != size:
         raise ValueError(f"{len(planes)} bytes of cells, expected {size}")
-    stored = np.frombuffer(planes, dtype=np.uint8).reshape(width, -1).T
-    differences: NDArray[np.unsignedinteger] = np.ascontiguousarray(stored).view(f"<u{width}")
-    cells = np.cumsum(differences.reshape(bounds.shape), axis=1, dtype=differences.dtype)
+    dtype = np.dtype(f"u{width}")
+    differences = np.zeros(bounds.cells, dtype=dtype)
+    for place, plane in enumerate(np.frombuffer(planes, dtype=np.uint8).reshape(width, -1)):
+        differences |= plane.astype(dtype) << dtype.type(8 * place)
+    cells: NDArray[np.unsignedinteger] = np.cumsum(
+        differences.reshape(bounds.shape), axis=1, dtype=dtype
+    )
     if layer is Layer.FREE:
-        return cells.astype(np.uint16)
+        return cells.astype(np.uint16, copy=False)
     return cells.astype(np.int64)
 
 
@@ -143,8 +146,15 @@ class TileStore:
 
     def hashes(self) -> Iterator[bytes]:
         """Yield the hash of every stored layer of a tile, in canonical order."""
-        for (digest,) in self._database.all('SELECT hash FROM tile ORDER BY layer, row, "column"'):
-            yield digest
+        # A row of tiles at a time: a large map has millions of them.
+        rows = self._database.all("SELECT DISTINCT layer, row FROM tile ORDER BY layer, row")
+        for of_row in rows:
+            for (digest,) in self._database.all(
+                'SELECT hash FROM tile WHERE layer = ? AND row = ? ORDER BY "column"', of_row
+            ):
+                if not isinstance(digest, bytes):
+                    raise self._database.damaged(f"the hash of a tile in row {of_row[1]}")
+                yield digest
 
     def count(self) -> int:
         """Return how many tiles hold anything."""
@@ -157,7 +167,7 @@ class TileStore:
         """Yield layer, cells and their window on the lattice of each stored layer of a tile."""
         for layer, row, column, row0, row1, column0, column1, data in self._database.all(
             'SELECT layer, row, "column", row0, row1, column0, column1, data'
-            f" FROM tile JOIN cells ON cells.tile = tile.id WHERE {where}",
+            f" FROM tile LEFT JOIN cells ON cells.tile = tile.id WHERE {where}",
             values,
         ):
             try:
@@ -165,8 +175,7 @@ class TileStore:
                     raise ValueError("bounds outside the tile")
                 cells = decode(Layer(layer), Window(row0, row1, column0, column1), data)
             except (ValueError, TypeError, zlib.error) as error:
-                place = f"tile {row}, {column}"
-                raise GridError(f"{self._database.name}: damaged: {place}: {error}") from error
+                raise self._database.damaged(f"tile {row}, {column}: {error}") from error
             bounds = Window(
                 row * TILE + row0, row * TILE + row1,
                 column * TILE + column0, column * TILE + column1,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import json
+from dataclasses import dataclass, replace
 
 from possmap.core.records import Meet, OwnModel, PartialMap, Pose, Record
 from possmap.errors import shown
@@ -22,6 +23,13 @@ class Header:
     version: int | None
     extra: str
 
+    def with_extra(self, more: str) -> Header:
+        """Return the header with more ``x_`` keys; the later value of a key stays."""
+        if not more:
+            return self
+        both = json.loads(self.extra or "{}") | json.loads(more)
+        return replace(self, extra=json.dumps(both, separators=(",", ":")))
+
 
 def header_of(value: object, nesting: int, needs_version: bool) -> Header:
     """Check a log's header: everything but its records and carried logs.
@@ -32,11 +40,11 @@ def header_of(value: object, nesting: int, needs_version: bool) -> Header:
         For a missing or unknown key, a name that is none, or a format version that is newer.
     """
     fields = as_object(value)
-    extra = own_keys(fields, _HEADER, "a log", nesting)
     version: int | None = None
-    if "possmap_log" in fields:
-        version = _version(fields["possmap_log"])
-    elif needs_version:
+    if "possmap_log" in fields:  # first of all: a newer version may well have other keys
+        version = version_of(fields["possmap_log"])
+    extra = own_keys(fields, _HEADER, "a log", nesting)
+    if version is None and needs_version:
         raise Fault((), f"possmap_log is missing, expected {FORMAT_VERSION}")
     for name in ("robot", "excursion"):
         if name not in fields:
@@ -56,7 +64,14 @@ def header_of(value: object, nesting: int, needs_version: bool) -> Header:
     )
 
 
-def _version(found: object) -> int:
+def version_of(found: object) -> int:
+    """Return the format version, the value of ``possmap_log``.
+
+    Raises
+    ------
+    Fault
+        If it is none, or newer.
+    """
     if type(found) is not int or found < 1:
         raise Fault(("possmap_log",), f"found {shown(found)}, expected {FORMAT_VERSION}")
     if found > FORMAT_VERSION:

@@ -24,7 +24,7 @@ _WHOLE = frozenset({"seq", "upto"})
 _FLAGS = {"true": True, "false": False}
 _WORDS = frozenset({"kind", "corner", "peer", "peer_excursion"})
 _WHOLE_NUMBER = re.compile(r"-?[0-9]{1,20}")
-_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+_NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 assert set(COLUMNS) == {"robot", "excursion", "kind"} | {r.name for k in RULES.values() for r in k}
 
@@ -43,7 +43,7 @@ def read_csv(source: LogText, limits: Limits) -> LogFile:
     excursions: dict[tuple[str, str], tuple[int, ExcursionBuilder]] = {}
     line = 1
     try:
-        rows = _rows(source.text)
+        rows = _rows(source)
         line, header = next(rows, (1, []))
         _check_header(header)
         for line, row in rows:
@@ -56,8 +56,6 @@ def read_csv(source: LogText, limits: Limits) -> LogFile:
             builder.add(record_of(record, limits.limit_nesting))
     except Fault as fault:
         raise refusal(source.name, line, fault) from None
-    except csv.Error as error:
-        raise LogError(f"{source.name}:{line + 1}", f"not CSV: {error}") from None
     return LogFile(
         origin,
         tuple(
@@ -71,11 +69,18 @@ def read_csv(source: LogText, limits: Limits) -> LogFile:
     )
 
 
-def _rows(text: str) -> Iterator[tuple[int, list[str]]]:
+def _rows(source: LogText) -> Iterator[tuple[int, list[str]]]:
     """Yield each row that is not blank with the line on which it begins."""
-    reader = csv.reader(io.StringIO(text.removeprefix("\ufeff"), newline=""), strict=True)
+    text = source.text.removeprefix("\ufeff")
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     line = 1
-    for row in reader:
+    while True:
+        try:
+            row = next(reader)
+        except StopIteration:
+            return
+        except csv.Error as error:
+            raise LogError(f"{source.name}:{line}", f"not CSV: {error}") from None
         if row:
             yield line, row
         line = reader.line_num + 1
@@ -86,7 +91,7 @@ def _check_header(header: list[str]) -> None:
         raise Fault((), f"the file is empty, expected a header row: {','.join(COLUMNS)}")
     for name in header:
         if name not in COLUMNS and not name.startswith("x_"):
-            guess = did_you_mean(name, COLUMNS) or f", expected of {','.join(COLUMNS)}"
+            guess = did_you_mean(name, COLUMNS) or f", expected one of {', '.join(COLUMNS)}"
             raise Fault((), f"unknown column {shown(name)}{guess}")
     if len(set(header)) != len(header):
         twice = next(name for name in header if header.count(name) > 1)

@@ -235,7 +235,7 @@ def _check_own(key: str, value: object, nesting: int) -> None:
             if isinstance(one, RepeatedKey):
                 raise Fault((key,), f"the key {shown(one.key)} is given twice")
             if isinstance(one, (dict, list)):
-                if depth == nesting:
+                if depth >= nesting:
                     raise Fault((key,), "nested too deep (setting limit_nesting)")
                 below += one.values() if isinstance(one, dict) else one
         level = below

@@ -36,9 +36,7 @@ def read_json_lines(source: LogText, limits: Limits, allow_truncated: bool) -> L
     """
     reader = _Lines(limits)
     cut_short: str | None = None
-    last = 0
     for number, line, is_ended in _lines(source.text):
-        last = number
         try:
             reader.take(number, line)
         except JsonSyntaxError as error:
@@ -48,7 +46,7 @@ def read_json_lines(source: LogText, limits: Limits, allow_truncated: bool) -> L
         except Fault as fault:
             raise refusal(source.name, number, fault) from None
     if source.is_cut and cut_short is None:
-        cut_short = f"{source.name}:{last}"
+        cut_short = f"{source.name}:{source.text.count(chr(10)) + 1}"
     if cut_short is not None and not allow_truncated:
         advice = "--allow-truncated uses the whole lines before it"
         raise LogError(cut_short, f"the last line is cut short; {advice}")
@@ -106,6 +104,8 @@ class _Lines:
             known = log[name] = _OpenExcursion(header, number)
         elif header.model not in ((), known.header.model):
             raise Fault(("model",), f"differs from that of line {known.line}, which it continues")
+        else:
+            known.header = known.header.with_extra(header.extra)
         self._present = known
 
     def deliveries(self, origin: Origin) -> Iterator[Delivery]:

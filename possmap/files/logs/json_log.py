@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from possmap.core.records import PartialMap
 from possmap.errors import LogError, shown
 from possmap.files.limits import Limits
-from possmap.files.logs.builder import ExcursionBuilder, header_of
+from possmap.files.logs.builder import ExcursionBuilder, header_of, version_of
 from possmap.files.logs.delivery import Delivery, LogFile, Origin, refusal
 from possmap.files.logs.fields import Fault, Step, record_of
 from possmap.files.logs.json_text import JsonSyntaxError, JsonText, find
@@ -37,18 +37,14 @@ def read_json(source: LogText, limits: Limits) -> LogFile:
     except _PlacedFault as placed:
         raise refusal(source.name, reader.cursor.line(placed.position), placed.fault) from None
     own = versions[0][1].name
-    return LogFile(
-        origin,
-        tuple(
-            Delivery(
-                version,
-                f"{source.name}:{reader.cursor.line(position)}",
-                origin,
-                own if number else None,
-            )
-            for number, (position, version) in enumerate(versions)
-        ),
-    )
+    deliveries: list[Delivery] = []
+    line, counted = 1, 0
+    for position, version in versions:  # in the order of the text, which is read once more
+        line += source.text.count("\n", counted, position)
+        counted = position
+        carrier = own if deliveries else None
+        deliveries.append(Delivery(version, f"{source.name}:{line}", origin, carrier))
+    return LogFile(origin, tuple(deliveries))
 
 
 class _PlacedFault(Exception):
@@ -89,7 +85,7 @@ class _JsonLogReader:
                     for index in self._items(key):
                         carried += self.log((key, index))
                 else:
-                    header[key] = self.cursor.value()
+                    header[key] = self._header_value(key)
             if not has_records:
                 raise Fault((), "records is missing, expected a list, perhaps empty")
             checked = header_of(header, self.nesting - depth, needs_version=not path)
@@ -98,6 +94,15 @@ class _JsonLogReader:
             raise _PlacedFault(position, fault.below(*path)) from None
         yield start, builder.build(checked)
         yield from carried
+
+    def _header_value(self, key: str) -> object:
+        try:
+            value = self.cursor.value()
+            if key == "possmap_log":  # now: a newer version may well have other records
+                version_of(value)
+        except Fault as fault:
+            raise Fault((key,), fault.problem) from None
+        return value
 
     def _items(self, key: str) -> Iterator[int]:
         if not self.cursor.is_at("["):

@@ -44,7 +44,9 @@ class JsonText:
         try:
             value, end = _DECODER.raw_decode(self.text, self.position)
         except json.JSONDecodeError as error:
-            raise JsonSyntaxError(error.pos, error.msg) from None
+            is_marked = self.text.startswith("\ufeff", error.pos)
+            problem = "Unexpected byte-order mark" if is_marked else error.msg
+            raise JsonSyntaxError(error.pos, problem) from None
         except RecursionError:
             raise Fault((), "nested too deep (setting limit_nesting)") from None
         except ValueError:  # Python refuses to read whole numbers of thousands of digits

@@ -8,6 +8,7 @@ import io
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from stat import S_ISREG
 from typing import BinaryIO
 
 from possmap.errors import LogError
@@ -61,13 +62,15 @@ def read_text(path: Path, limits: Limits) -> LogText:
     LogError
         If it cannot be read, is no regular file, is too large, or is not UTF-8.
     """
-    if not path.is_file():
-        raise LogError(str(path), "not a regular file")
     try:
+        if not S_ISREG(path.stat().st_mode):  # opening a FIFO would wait for ever
+            raise LogError(str(path), "not a regular file")
         with path.open("rb") as stream:
             return read_stream(str(path), stream, limits, compressed=path.suffix.lower() == ".gz")
     except OSError as error:
         raise LogError(str(path), f"cannot be read: {error.strerror or error}") from error
+    except ValueError as error:  # a null character in the name
+        raise LogError(str(path), f"cannot be read: {error}") from error
 
 
 def read_stream(
@@ -78,14 +81,14 @@ def read_stream(
     buffered = io.BufferedReader(metered, _CHUNK)
     if compressed is None:
         compressed = buffered.peek(2)[:2] == GZIP_MAGIC
-    source: BinaryIO = gzip.GzipFile(fileobj=buffered) if compressed else buffered  # type: ignore[assignment]
+    source = gzip.GzipFile(fileobj=buffered) if compressed else buffered
     largest = int(limits.limit_file_mib * 2**20)
     parts: list[bytes] = []
     size = 0
     is_cut = False
     while size <= largest:
         try:
-            part = source.read(_CHUNK)
+            part = source.read1(_CHUNK)  # read() would lose what comes before a cut
         except EOFError:
             is_cut = True
             break

@@ -1,0 +1,221 @@
+"""``possmap render``: a grid as a picture, in a file or in the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from PIL import Image
+
+from possmap.app.export import chosen_window, refuse_itself
+from possmap.core.evidence import findings
+from possmap.core.lattice import Window
+from possmap.errors import OutputError, plural, printable, shown
+from possmap.files.atomic import replacing
+from possmap.files.gridfile.grid import Grid
+from possmap.files.gridfile.ledger import Entry
+from possmap.files.limits import Limits
+from possmap.files.truth import read_truth
+from possmap.pictures import compose, raster
+from possmap.pictures.compose import Scene
+from possmap.pictures.coverage import Counts, counted
+from possmap.pictures.overlays import Overlays, Place
+from possmap.pictures.png import write_png
+from possmap.pictures.raster import Raster
+from possmap.release import version
+
+Metres = tuple[float, float, float, float]
+"""A rectangle: x0, y0, x1, y1."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Look:
+    """How a picture is to look.
+
+    layers : names of ``compose.NAMES``, side by side.
+    window_m : only this rectangle.
+    scale : pixels per cell; None: chosen.
+    max_size : the map's longer side, at most [pixels]; None: chosen.
+    tracks : draw the robots' tracks.
+    truth : a truth file whose walls are drawn.
+    title : above the picture; None: the grid's name.
+    """
+
+    layers: Sequence[str] = (compose.MAP,)
+    palette: str = "viridis"
+    bare: bool = False
+    window_m: Metres | None = None
+    scale: int | None = None
+    max_size: int | None = None
+    tracks: bool = False
+    truth: Path | None = None
+    title: str | None = None
+    base_rate: float = 0.5
+
+
+@dataclass(frozen=True)
+class RenderSummary:
+    """What was drawn. ``width``, ``height``: of the picture [pixels]; ``frames``: of a film."""
+
+    output: Path
+    width: int
+    height: int
+    frames: int = 1
+
+
+def render(path: Path, output: Path, look: Look, overwrite: bool = False) -> RenderSummary:
+    """Draw a grid into a PNG file.
+
+    Raises
+    ------
+    OutputError
+        For an output that is not PNG or exists, no evidence, or a picture that is too large.
+    GridError, LogError
+        If the grid, or the truth file, cannot be read.
+    """
+    if output.suffix.lower() != ".png":
+        raise OutputError(
+            f"{printable(str(output))}: unknown suffix {shown(output.suffix)}, expected .png "
+            "(a film: --animate with .png, .gif or .webp)"
+        )
+    refuse_itself(path, output)
+    with Grid(path) as grid, grid.snapshot():
+        chosen = raster_of(grid, look)
+        with replacing(output, overwrite) as stream:
+            image = picture(grid, look, chosen)
+            write_png(image, stream, metadata(grid, look, chosen))
+    return RenderSummary(output, *image.size)
+
+
+def picture(grid: Grid, look: Look, chosen: Raster | None = None) -> Image.Image:
+    """Return a grid's picture.
+
+    Raises
+    ------
+    OutputError
+        If there is no evidence, or the picture would be too large.
+    """
+    chosen = chosen or raster_of(grid, look)
+    scene = scene_of(grid, look, chosen)
+    if look.bare:
+        return compose.bare(scene, look.layers[0], chosen, look.palette)
+    return compose.furnished(scene, look.layers, chosen, look.palette)
+
+
+def raster_of(grid: Grid, look: Look) -> Raster:
+    """Choose the cells of a picture and their size."""
+    window = evidence_window(grid, look.window_m)
+    if look.bare:
+        return raster.plan(window, look.scale, look.max_size)
+    exact = look.window_m is not None
+    return compose.furnished_raster(window, exact, look.scale, look.max_size, len(look.layers))
+
+
+def evidence_window(grid: Grid, window_m: Metres | None) -> Window:
+    """Return the window to draw.
+
+    Raises
+    ------
+    OutputError
+        If there is no evidence, or none in the window asked for.
+    """
+    everything = chosen_window(grid, None, most=None)
+    if window_m is None:
+        return everything
+    window = chosen_window(grid, window_m, most=None)
+    if not window.intersection(everything).cells:
+        x0, y0 = grid.lattice.corner_of(everything.row0, everything.column0)
+        x1, y1 = grid.lattice.corner_of(everything.row1, everything.column1)
+        raise OutputError(
+            f"{printable(str(grid.path))}: nothing in the window; all evidence lies within "
+            f"{x0:.2f},{y0:.2f},{x1:.2f},{y1:.2f}"
+        )
+    return window
+
+
+def scene_of(grid: Grid, look: Look, chosen: Raster) -> Scene:
+    """Gather what a picture of a grid needs."""
+    return Scene(
+        cells=grid.tiles,
+        resolution=grid.resolution,
+        coverage=lambda at: coverage_of(grid, at),
+        title=look.title if look.title is not None else grid.path.stem,
+        subtitle=counted_words(grid),
+        base_rate=look.base_rate,
+        overlays=Overlays() if look.bare else overlays_of(grid, look, chosen),
+    )
+
+
+def coverage_of(grid: Grid, chosen: Raster) -> Counts:
+    """Count the excursions that touched each block."""
+    settings = grid.settings
+    excursions = (
+        findings(grid.ledger.version(entry), entry.model, settings)
+        for entry in list(grid.ledger.entries())
+    )
+    return counted(excursions, settings, chosen)
+
+
+def counted_words(grid: Grid) -> str:
+    """Return robots, excursions and records in words, with the resolution."""
+    entries = list(grid.ledger.entries())
+    robots = len({entry.robot for entry in entries})
+    records = sum(entry.records for entry in entries)
+    return (
+        f"{plural(robots, 'robot')}, {plural(len(entries), 'excursion')}, "
+        f"{plural(records, 'record')}; {grid.resolution:g} m per cell"
+    )
+
+
+def overlays_of(
+    grid: Grid, look: Look, chosen: Raster, known: Mapping[int, int] | None = None
+) -> Overlays:
+    """Gather singular points, homes, tracks and true walls within the picture.
+
+    known : how many records of each excursion count, by its id in the ledger; None: all.
+    """
+
+    def counts(entry: Entry, number: int) -> bool:
+        return known is None or number < known.get(entry.identity, 0)
+
+    x0, y0 = grid.lattice.corner_of(chosen.window.row0, chosen.window.column0)
+    x1, y1 = grid.lattice.corner_of(chosen.window.row1, chosen.window.column1)
+    window_m = (x0, y0, x1, y1)
+    points: list[tuple[Place, float]] = []
+    homes: dict[tuple[float, float], Place] = {}
+    tracks: dict[str, list[list[Place]]] = {}
+    if compose.MAP in look.layers:
+        for entry, number, at in grid.ledger.places("corner", window_m):
+            worst = max(at.rect.half_x, at.rect.half_y) / entry.model.max_error
+            if worst < 1 and counts(entry, number):
+                points.append(((at.x, at.y), 1 - worst))
+        last = None
+        for entry, number, at in grid.ledger.places("pose"):
+            if not counts(entry, number):
+                continue
+            if entry != last:
+                if x0 <= at.x <= x1 and y0 <= at.y <= y1:
+                    homes.setdefault((round(at.x), round(at.y)), (at.x, at.y))
+                tracks.setdefault(entry.robot, []).append([])
+                last = entry
+            tracks[entry.robot][-1].append((at.x, at.y))
+    truth = read_truth(look.truth, Limits()).walls if look.truth else ()
+    shown_tracks = sorted(tracks.items()) if look.tracks else []
+    return Overlays(points, list(homes.values()), shown_tracks, truth)
+
+
+def metadata(grid: Grid, look: Look, chosen: Raster) -> dict[str, str]:
+    """Return what a picture says of itself in its tEXt chunks; numbers in metres and pixels."""
+    window = chosen.window
+    x, y = grid.lattice.corner_of(window.row0, window.column0)
+    return {
+        "Software": f"possmap {version()}",
+        "possmap:digest": grid.digest(),
+        "possmap:view": ",".join(look.layers),
+        "possmap:palette": look.palette,
+        "possmap:resolution": repr(grid.resolution),
+        "possmap:origin": f"{x!r},{y!r}",
+        "possmap:cells": f"{window.shape[1]}x{window.shape[0]}",
+        "possmap:pixels_per_cell": repr(chosen.scale / chosen.shrink),
+    }

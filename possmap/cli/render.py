@@ -1,0 +1,188 @@
+"""``possmap render``."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from possmap.cli import options
+
+if TYPE_CHECKING:
+    from possmap.app.render import Look
+
+LAYERS = (
+    "map", "necessity", "possibility", "ignorance", "conflict", "probability", "points", "coverage",
+)  # fmt: skip
+PALETTES = {
+    "viridis": "purple to yellow; the map: brown walls, blue paths (the default)",
+    "magma": "black to cream; the map as with viridis",
+    "gray": "black to white; the map: the greys of the paper's Figure 8",
+}
+
+
+def _layer(name: str) -> str:
+    from possmap.errors import did_you_mean, shown
+
+    if name not in LAYERS:
+        guess = did_you_mean(name, LAYERS) or f", expected one of {', '.join(LAYERS)}"
+        raise click.BadParameter(f"unknown layer {shown(name)}{guess}")
+    return name
+
+
+def _palette(ctx: click.Context, _: click.Parameter, name: str) -> str:
+    from possmap.errors import did_you_mean, shown
+
+    if name == "list" and not ctx.resilient_parsing:
+        for known, meaning in PALETTES.items():
+            click.echo(f"{known:<10}{meaning}")
+        ctx.exit()
+    if name not in PALETTES:
+        guess = did_you_mean(name, PALETTES) or f", expected one of {', '.join(PALETTES)}"
+        raise click.BadParameter(f"unknown palette {shown(name)}{guess}")
+    return name
+
+
+@click.command(epilog="Example: possmap render site.possmap -o site.png")
+@options.grid_argument
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), metavar="OUT.png", help="What to write."
+)
+@click.option(
+    "--layer",
+    metavar="NAME",
+    callback=lambda ctx, param, name: name and _layer(name),
+    help=f"One of {', '.join(LAYERS)}.  [default: map]",
+)
+@click.option(
+    "--panels",
+    metavar="A,B,...",
+    callback=lambda ctx, param, names: names and tuple(_layer(n) for n in names.split(",")),
+    help="Several layers side by side.",
+)
+@click.option(
+    "--palette",
+    default="viridis",
+    show_default=True,
+    is_eager=True,
+    callback=_palette,
+    metavar="NAME",
+    help="Colours of values; list prints them all.",
+)
+@click.option("--bare", is_flag=True, help="Only the cells: one pixel each, times --scale.")
+@click.option("--scale", type=click.IntRange(min=1), help="Pixels per cell.")
+@click.option(
+    "--max-size",
+    type=click.IntRange(min=1),
+    metavar="PIXELS",
+    help="The map's longer side at most; blocks of cells shrink, and thin walls survive.",
+)
+@options.window
+@click.option("--tracks", is_flag=True, help="Draw the robots' tracks.")
+@click.option("--truth", type=options.EXISTING_FILE, help="Draw the walls of a truth file.")
+@click.option("--title", help="Above the picture.  [default: the grid's name]")
+@click.option(
+    "--animate",
+    type=click.Choice(["excursion", "record"]),
+    help="A film of how the map grew: .png (APNG), .gif or .webp.",
+)
+@click.option("--frames", type=click.IntRange(min=1), help="Frames of the film, at most.")
+@click.option(
+    "--frame-ms", type=click.IntRange(10, 60000), default=400, show_default=True, help="Of a frame."
+)
+@click.option("--show", is_flag=True, help="Print a preview in the terminal; -o is not needed.")
+@options.base_rate
+@options.overwrite
+@click.pass_context
+def render(
+    ctx: click.Context,
+    /,
+    grid: Path,
+    output: Path | None,
+    layer: str | None,
+    panels: tuple[str, ...] | None,
+    palette: str,
+    bare: bool,
+    scale: int | None,
+    max_size: int | None,
+    window: tuple[float, float, float, float] | None,
+    tracks: bool,
+    truth: Path | None,
+    title: str | None,
+    animate: str | None,
+    frames: int | None,
+    frame_ms: int,
+    show: bool,
+    config: Path | None,
+    base_rate: float | None,
+    overwrite: bool,
+) -> None:
+    """Draw a grid as a picture.
+
+    The map shows walls (the lighter, the smaller N), paths (the darker, the smaller the possibility
+    of a wall), singular points, home, what is unknown, and where the evidence contradicts itself.
+    Layers show one value in every cell, on a scale from 0 to 1.
+
+    With --bare --palette gray a pixel of a layer is round(255 x value) and the first row of pixels
+    the highest y, so that a program can read the values back; of coverage it is the count.
+    """
+    from possmap.app.render import Look
+    from possmap.errors import printable
+
+    if output is None and not show:
+        raise click.UsageError("Give -o OUT.png for a picture, or --show for a preview.")
+    if layer and panels:
+        raise click.UsageError("Give --layer or --panels, not both.")
+    if panels and bare:
+        raise click.UsageError("--bare draws one layer: give --layer, not --panels.")
+    look = Look(
+        layers=panels or (layer or "map",),
+        palette=palette,
+        bare=bare,
+        window_m=window,
+        scale=scale,
+        max_size=max_size,
+        tracks=tracks,
+        truth=truth,
+        title=title,
+        base_rate=options.chosen_base_rate(config, base_rate),
+    )
+    if show:
+        _show(grid, look)
+    if output is None:
+        return
+    if animate is not None:
+        from possmap.app.animate import animate as draw_film
+        from possmap.cli.progress import bar
+
+        done = draw_film(
+            grid,
+            output,
+            look,
+            "record" if animate == "record" else "excursion",
+            frames=frames,
+            frame_ms=frame_ms,
+            overwrite=overwrite,
+            progress=bar,
+        )
+    else:
+        from possmap.app.render import render as draw
+
+        done = draw(grid, output, look, overwrite)
+    if not ctx.obj["quiet"]:
+        film = f", {done.frames} frames" if animate else ""
+        click.echo(f"{printable(str(done.output))}: {done.width} x {done.height} pixels{film}")
+
+
+def _show(grid: Path, look: Look) -> None:
+    from possmap.app.preview import preview
+
+    size = shutil.get_terminal_size((80, 24))
+    is_terminal = sys.stdout.isatty()
+    colour = is_terminal and "NO_COLOR" not in os.environ and os.environ.get("TERM") != "dumb"
+    lines = max(8, size.lines - 2)
+    click.echo(preview(grid, look, size.columns, lines, colour), color=colour or None)

@@ -1,0 +1,53 @@
+"""Tiles held in memory, for what is computed from the ledger and not kept: coverage, films."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from possmap.core.evidence import Findings, Layer
+from possmap.core.fusion import LayerArray, Plan, TileLayers, add_to_plan, blank, fuse_tile
+from possmap.core.lattice import TILE, TileKey, Window, tile_window, tiles_of
+from possmap.core.settings import EvidenceSettings
+
+
+def paste(
+    tile: NDArray[np.integer], key: TileKey, whole: NDArray[np.integer], window: Window
+) -> None:
+    """Copy what a tile, shape (TILE, TILE), shares with a window into the window's array."""
+    cells = tile_window(key)
+    shared = cells.intersection(window)
+    whole[shared.slices_in(window)] = tile[shared.slices_in(cells)]
+
+
+class TileMemory:
+    """A grid's tiles, growing as excursions are fused into them."""
+
+    def __init__(self, settings: EvidenceSettings) -> None:
+        self._settings = settings
+        self._tiles: dict[TileKey, TileLayers] = {}
+
+    def fuse(self, found: Findings, known_records: int) -> list[TileKey]:
+        """Fuse what an excursion says beyond its known records; return the tiles that changed."""
+        plan: Plan = {}
+        add_to_plan(plan, found, 0, known_records, self._settings)
+        for key, jobs in plan.items():
+            layers = self._tiles.setdefault(key, {})
+            layers.update(fuse_tile(key, jobs, layers, self._settings))
+        return list(plan)
+
+    def read_window(self, layer: Layer, window: Window) -> LayerArray:
+        """Return one layer of a window, shape (rows, columns); what is not known is 0."""
+        whole: LayerArray = np.zeros(window.shape, dtype=blank(layer).dtype)
+        for key in tiles_of(window):
+            layers = self._tiles.get(key, {})
+            if layer in layers:
+                paste(layers[layer], key, whole, window)
+        return whole
+
+    def touched(self, key: TileKey) -> NDArray[np.bool_]:
+        """Return the cells of a tile of which anything is known, shape (TILE, TILE)."""
+        found = np.zeros((TILE, TILE), dtype=np.bool_)
+        for array in self._tiles.get(key, {}).values():
+            found |= array != 0
+        return found

@@ -1,0 +1,99 @@
+"""The map: walls, paths, singular points, contradictions; after the paper's Figure 8.
+
+Trajectories are the darker, the smaller Π; walls the lighter, the smaller N. A cell that has both
+is coloured by their shares; one with N > Π, which no probability satisfies, has a tone of its own.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from possmap.pictures import palettes
+from possmap.pictures.layers import Cells, Indices, Part
+from possmap.pictures.palettes import Table
+from possmap.pictures.raster import Raster, reduced
+
+UNKNOWN = 0
+CONTRADICTED = 1
+_FREE, _FREE_LEVELS = 2, 60
+_WALL, _WALL_LEVELS = 62, 94
+_BOTH, _BOTH_LEVELS = 156, 9
+_POINT, _POINT_LEVELS = 237, 19
+
+
+def drawn(cells: Cells, raster: Raster) -> Indices:
+    """Return the palette indices of the map, the first row the highest y."""
+    found = np.zeros(raster.blocks, dtype=np.uint8)
+    lookup = _lookup()
+    for window, where in raster.parts():
+        part = Part(cells, window)
+        if not part.known.any():
+            continue
+        contradicted = reduced(part.necessity > part.possibility, raster.shrink, "max")
+        n = _eighth(reduced(part.necessity, raster.shrink, "max"))
+        denied = _eighth(1 - reduced(part.possibility, raster.shrink, "min").astype(np.float64))
+        point = _eighth(reduced(part.points, raster.shrink, "max"))
+        index = lookup[denied, n]
+        is_point = point > n
+        index[is_point] = _POINT + point[is_point] * (_POINT_LEVELS - 1) // 255
+        index[contradicted.astype(np.bool_)] = CONTRADICTED
+        found[where] = index
+    return found[::-1]
+
+
+def _eighth(value: NDArray[np.generic]) -> NDArray[np.uint8]:
+    """Return 8-bit levels of values in [0, 1]; what is not 0 stays visible."""
+    return np.ceil(255 * value.astype(np.float64)).astype(np.uint8)
+
+
+@cache
+def _lookup() -> NDArray[np.uint8]:
+    """Return the index for each pair of 8-bit levels (1 - Π, N)."""
+    level = np.arange(256)
+    free = _FREE + (np.maximum(level, 1) - 1) * _FREE_LEVELS // 255
+    wall = _WALL + (np.maximum(level, 1) - 1) * _WALL_LEVELS // 255
+    coarse = (np.maximum(level, 1) - 1) * _BOTH_LEVELS // 255
+    index = _BOTH + coarse[:, None] * _BOTH_LEVELS + coarse
+    index[:, 0] = free
+    index[0, :] = wall
+    index[0, 0] = UNKNOWN
+    table: NDArray[np.uint8] = index.astype(np.uint8)
+    return table
+
+
+def letters() -> str:
+    """Return a character for each index: ``.`` path, ``#`` wall, ``+`` both, ``!`` contradicted."""
+    signs = [" "] * 256
+    signs[CONTRADICTED] = "!"
+    signs[_FREE:_WALL] = "." * (_WALL - _FREE)
+    signs[_WALL:_BOTH] = "#" * (_BOTH - _WALL)
+    signs[_BOTH:_POINT] = "+" * (_POINT - _BOTH)
+    signs[_POINT:] = "o" * (256 - _POINT)
+    return "".join(signs)
+
+
+@cache
+def table(palette: str) -> Table:
+    """Return the 256 colours of the map; ``gray`` gives the greys of the paper's Figure 8."""
+    gray = palette == "gray"
+    unknown = palettes.PAPER if gray else palettes.UNKNOWN
+    free_stops = palettes.PAPER_FREE_STOPS if gray else palettes.FREE_STOPS
+    wall_stops = palettes.PAPER_WALL_STOPS if gray else palettes.WALL_STOPS
+    free, wall = palettes.ramp(free_stops, 256), palettes.ramp(wall_stops, 256)
+    colours = np.zeros((256, 3))
+    colours[UNKNOWN] = unknown
+    colours[CONTRADICTED] = palettes.CONTRADICTED
+    colours[_FREE : _FREE + _FREE_LEVELS] = palettes.ramp(free_stops, _FREE_LEVELS)
+    colours[_WALL : _WALL + _WALL_LEVELS] = palettes.ramp(wall_stops, _WALL_LEVELS)
+    for denied in range(_BOTH_LEVELS):
+        for n in range(_BOTH_LEVELS):
+            at_free, at_wall = (round((one + 0.5) / _BOTH_LEVELS * 255) for one in (denied, n))
+            share = (n + 0.5) / (n + denied + 1)
+            mixed = share * wall[at_wall] + (1 - share) * free[at_free]
+            colours[_BOTH + denied * _BOTH_LEVELS + n] = mixed
+    point = (190, 190, 190) if gray else palettes.POINT
+    colours[_POINT:] = palettes.ramp((unknown, point), 256 - _POINT)
+    return np.rint(colours).astype(np.uint8)

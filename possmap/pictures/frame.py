@@ -1,0 +1,165 @@
+"""The furniture of a picture: title, axes, scale bar and keys, laid out so that none collide."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from PIL import Image, ImageDraw
+
+from possmap.pictures import palettes, ticks
+from possmap.pictures.keys import Key
+from possmap.pictures.raster import Raster
+from possmap.pictures.text import LARGE, LINE, NORMAL, SMALL, width, write
+
+PAD = 18
+_TICK = 5
+_GAP = 22
+_IN_A_ROW = 3
+"""Panels, at most."""
+_WIDE = 2.2
+"""A map so many times as wide as high has its keys below it."""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One map: its picture, cells drawn by ``raster``, and a title if there are several."""
+
+    picture: Image.Image
+    raster: Raster
+    title: str = ""
+
+
+def framed(
+    panels: Sequence[Panel], keys: Sequence[Key], title: str, subtitle: str, resolution: float
+) -> Image.Image:
+    """Return panels side by side with everything that explains them.
+
+    Parameters
+    ----------
+    panels
+        Of one raster.
+    keys
+        Beside the panels, or below where they are wide.
+    resolution
+        Metres per cell.
+    """
+    raster = panels[0].raster
+    map_width, map_height = panels[0].picture.size
+    y_step, y_labels = _labels(raster, resolution, vertical=True)
+    axis = max((width(ticks.label(v, y_step), SMALL) for v in y_labels), default=0) + _TICK + 6
+    rows = -(-len(panels) // _IN_A_ROW)
+    columns = -(-len(panels) // rows)
+    heading = LINE + 4 if any(panel.title for panel in panels) else 0
+    top = PAD + LARGE + 8 + LINE + 6
+    row_height = heading + map_height + _TICK + LINE + 8
+    maps_width = columns * map_width + (columns - 1) * _GAP
+    maps_height = rows * row_height + LINE
+    if maps_width > _WIDE * maps_height:
+        key_places, key_size = _in_rows(keys, max(maps_width, 420))
+        content = max(maps_width, key_size[0])
+        total_height = top + maps_height + 10 + key_size[1] + PAD
+        key_x, key_y = PAD + axis, top + maps_height + 10
+    else:
+        key_places, key_size = _in_column(keys)
+        content = maps_width + 24 + key_size[0]
+        total_height = top + max(maps_height, heading + key_size[1]) + PAD
+        key_x, key_y = PAD + axis + maps_width + 24, top + heading
+    content = max(content, width(title, LARGE), width(subtitle, NORMAL))
+    sheet = Image.new("RGB", (PAD + axis + content + PAD, total_height), palettes.PAPER)
+    draw = ImageDraw.Draw(sheet)
+    left = PAD + axis
+    write(draw, (left, PAD), title, LARGE, palettes.INK)
+    write(draw, (left, PAD + LARGE + 8), subtitle, NORMAL, palettes.FAINT)
+    for number, panel in enumerate(panels):
+        row, column = divmod(number, columns)
+        x, y = left + column * (map_width + _GAP), top + row * row_height + heading
+        _panel(sheet, panel, x, y, resolution, with_labels=column == 0)
+    foot = top + rows * row_height + LINE // 2
+    write(draw, (left, foot), "axes in metres", SMALL, palettes.FAINT, "lm")
+    _scale_bar(draw, left + maps_width, foot, raster, resolution)
+    for key, (dx, dy) in zip(keys, key_places, strict=True):
+        key.draw(sheet, key_x + dx, key_y + dy)
+    return sheet
+
+
+def _panel(
+    sheet: Image.Image, panel: Panel, x: int, y: int, resolution: float, with_labels: bool
+) -> None:
+    """Draw one map with its ticks; only the first has labels along y."""
+    draw = ImageDraw.Draw(sheet)
+    map_width, map_height = panel.picture.size
+    if panel.title:
+        write(draw, (x, y - 8), panel.title, NORMAL, palettes.INK, "ls")
+    sheet.paste(panel.picture, (x, y))
+    draw.rectangle((x - 1, y - 1, x + map_width, y + map_height), outline=palettes.FAINT)
+    step, values = _labels(panel.raster, resolution, vertical=False)
+    for value in values:
+        at = x + panel.raster.to_pixel(value, 0, resolution)[0]
+        draw.line((at, y + map_height + 1, at, y + map_height + _TICK), palettes.FAINT)
+        write(
+            draw,
+            (at, y + map_height + _TICK + 3),
+            ticks.label(value, step),
+            SMALL,
+            palettes.INK,
+            "ma",
+        )
+    step, values = _labels(panel.raster, resolution, vertical=True)
+    for value in values:
+        at = y + panel.raster.to_pixel(0, value, resolution)[1]
+        draw.line((x - _TICK - 1, at, x - 2, at), palettes.FAINT)
+        if with_labels:
+            write(draw, (x - _TICK - 5, at), ticks.label(value, step), SMALL, palettes.INK, "rm")
+
+
+def _labels(raster: Raster, resolution: float, vertical: bool) -> tuple[float, list[float]]:
+    """Return step and values of an axis's labels [m], far enough apart never to touch."""
+    per_metre = raster.pixels_per_metre(resolution)
+    window = raster.window
+    low, high = (window.row0, window.row1) if vertical else (window.column0, window.column1)
+    low_m, high_m = low * resolution, high * resolution
+    apart = 34 if vertical else 40
+    step = ticks.round_step(apart / per_metre)
+    while not vertical:
+        values = ticks.multiples(step, low_m, high_m)
+        widest = max((width(ticks.label(v, step), SMALL) for v in values), default=0)
+        if step * per_metre >= widest + 16:
+            break
+        step = ticks.round_step(step * 1.01)
+    return step, ticks.multiples(step, low_m, high_m)
+
+
+def _scale_bar(
+    draw: ImageDraw.ImageDraw, right: float, y: float, raster: Raster, resolution: float
+) -> None:
+    """Draw a bar of round metres that ends at ``right``, its label to the left of it."""
+    per_metre = raster.pixels_per_metre(resolution)
+    length = ticks.round_length(max(60.0, raster.size[0] / 4) / per_metre)
+    left = right - length * per_metre
+    draw.line((left, y, right, y), palettes.INK, 2)
+    for end in (left, right):
+        draw.line((end, y - 4, end, y + 4), palettes.INK, 2)
+    text = f"{length:g} m" if length < 1e4 else f"{length / 1000:g} km"
+    write(draw, (left - 8, y), text, SMALL, palettes.INK, "rm")
+
+
+def _in_column(keys: Sequence[Key]) -> tuple[list[tuple[int, int]], tuple[int, int]]:
+    places, y, widest = [], 0, 0
+    for key in keys:
+        places.append((0, y))
+        y += key.size[1] + 14
+        widest = max(widest, key.size[0])
+    return places, (widest, max(0, y - 14))
+
+
+def _in_rows(keys: Sequence[Key], most: int) -> tuple[list[tuple[int, int]], tuple[int, int]]:
+    places, x, y, row_height, widest = [], 0, 0, 0, 0
+    for key in keys:
+        key_width, key_height = key.size
+        if x and x + key_width > most:
+            x, y, row_height = 0, y + row_height + 14, 0
+        places.append((x, y))
+        x += key_width + 28
+        widest, row_height = max(widest, x - 28), max(row_height, key_height)
+    return places, (widest, y + row_height)

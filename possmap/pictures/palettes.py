@@ -1,0 +1,69 @@
+"""Colours: of single values, of the composite map, and of what is unknown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Colour: TypeAlias = tuple[int, int, int]
+Table: TypeAlias = NDArray[np.uint8]
+"""Colours by index, shape (entries, 3)."""
+
+UNKNOWN: Colour = (232, 231, 226)
+"""A neutral tone that no palette of values contains."""
+UNKNOWN_BESIDE_GRAY: Colour = (196, 219, 240)
+"""The same where values are grey themselves."""
+
+INK: Colour = (38, 38, 42)
+FAINT: Colour = (120, 120, 126)
+PAPER: Colour = (255, 255, 255)
+CONTRADICTED: Colour = (255, 222, 0)
+POINT: Colour = (0, 135, 110)
+TRUTH: Colour = (20, 20, 20)
+
+ROBOTS: tuple[Colour, ...] = (
+    (208, 30, 130), (98, 50, 180), (0, 150, 170), (120, 130, 0), (240, 120, 190), (90, 90, 94),
+)  # fmt: skip
+"""Tracks; after the last they begin again."""
+
+FREE_STOPS: tuple[Colour, ...] = ((219, 227, 234), (126, 170, 208), (42, 102, 160), (12, 48, 96))
+"""A path: the darker, the smaller Π."""
+WALL_STOPS: tuple[Colour, ...] = ((250, 226, 200), (240, 160, 90), (196, 80, 24), (96, 26, 8))
+"""A wall: the lighter, the smaller N."""
+PAPER_FREE_STOPS: tuple[Colour, ...] = ((215, 215, 215), (90, 90, 90), (30, 30, 30))
+PAPER_WALL_STOPS: tuple[Colour, ...] = ((250, 250, 250), (128, 128, 128))
+
+NAMES = ("viridis", "magma", "gray")
+DESCRIPTIONS = {
+    "viridis": "purple to yellow; for the map: blue paths, brown walls (the default)",
+    "magma": "black to cream; the map as with viridis",
+    "gray": "black to white; the map in the greys of the paper's Figure 8",
+}
+
+
+@cache
+def table(name: str) -> Table:
+    """Return the 256 colours of a palette of values, from 0 to 1."""
+    if name == "gray":
+        return np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
+    lines = Path(__file__).with_name("palettes.txt").read_text(encoding="ascii").splitlines()
+    start = lines.index(name) + 1
+    colours = " ".join(lines[start : start + 16]).split()
+    return np.array([list(bytes.fromhex(colour)) for colour in colours], dtype=np.uint8)
+
+
+def unknown(name: str) -> Colour:
+    """Return the tone of what is unknown beside a palette."""
+    return UNKNOWN_BESIDE_GRAY if name == "gray" else UNKNOWN
+
+
+def ramp(stops: Sequence[Colour], count: int) -> NDArray[np.float64]:
+    """Return ``count`` colours evenly between stops, shape (count, 3), 0 to 255."""
+    at = np.linspace(0, len(stops) - 1, count)
+    channels = np.array(stops, dtype=float).T
+    return np.stack([np.interp(at, np.arange(len(stops)), c) for c in channels], axis=1)

@@ -1,0 +1,264 @@
+"""``possmap config``, and which setting holds when: the levels, and what a grid keeps (CLI.md)."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+from teams import digest
+
+import possmap
+from possmap.cli.main import main
+
+LOG: Any = {
+    "possmap_log": 1,
+    "robot": "r1",
+    "excursion": "a",
+    "records": [
+        {"seq": 0, "kind": "pose", "x": 0, "y": 0, "heading": 0},
+        {"seq": 1, "kind": "pose", "x": 2, "y": 0, "heading": 0},
+    ],
+}
+
+
+def run(*args: object) -> Result:
+    return CliRunner().invoke(main, [str(arg) for arg in args], catch_exceptions=False)
+
+
+def write(path: Path, content: Any) -> Path:
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return path
+
+
+def in_force(*args: object) -> dict[str, Any]:
+    result = run("config", "--json", *args)
+    assert (result.stderr, result.exit_code) == ("", 0)
+    found: dict[str, Any] = json.loads(result.stdout)
+    return found
+
+
+def fused(folder: Path, *args: object) -> Path:
+    grid = folder / "site.possmap"
+    result = run("fuse", write(folder / "a.json", LOG), "-g", grid, *args)
+    assert result.exit_code == 0, result.stderr
+    return grid
+
+
+def turn_spreads(grid: Path) -> dict[str, float]:
+    """Return ``turn_spread`` of the model in force of each robot's excursion."""
+    with possmap.open_grid(grid) as opened:
+        return {entry.robot: entry.model.turn_spread for entry in opened.ledger.entries()}
+
+
+def test_the_defaults_are_the_papers() -> None:
+    assert in_force() == {
+        "resolution": 0.05,
+        "estimator": "linear",
+        "independence": "detection",
+        "free_along_walls": False,
+        "free_along_beams": False,
+        "clip_coobserved": False,
+        "accept_models": True,
+        "along": 1.25 / 120,
+        "across": 5.5 / 120,
+        "turn_bias": 0.0,
+        "turn_gain": 0.0,
+        "turn_spread": 2.0,
+        "turn_noise": 0.0,
+        "drift": 0.0,
+        "drift_spread": 0.0,
+        "scale": 1.0,
+        "alignment_spread": 0.0,
+        "sensor": 0.0,
+        "max_error": 1.0,
+        "factor": 2.236,
+        "base_rate": 0.5,
+        "limit_file_mib": 64.0,
+        "limit_nesting": 16,
+        "limit_record_cells": 10**8,
+        "transaction_records": 20000,
+        "robots": {},
+    }
+    assert in_force("--profile", "paper") == in_force()
+
+
+def test_each_level_beats_the_one_below(tmp_path: Path) -> None:
+    text = "resolution: 0.1\nturn_spread: 1\nsensor: 0.01\n"
+    config = ("--profile", "paper", "--config", write(tmp_path / "site.yaml", text))
+    assert (in_force(*config)["resolution"], in_force(*config)["turn_spread"]) == (0.1, 1.0)
+    flag = (*config, "--resolution", "0.2")
+    assert (in_force(*flag)["resolution"], in_force(*flag)["sensor"]) == (0.2, 0.01)
+    last = ("--set", "resolution=0.3", "--set", "sensor=0.5", "--set", "sensor=.25", *flag)
+    found = in_force(*last)
+    assert (found["resolution"], found["sensor"], found["turn_spread"]) == (0.3, 0.25, 1.0)
+
+
+def test_what_is_printed_can_be_given_back(tmp_path: Path) -> None:
+    given = ("--resolution", "1e-3", "--set", "robots.r.1:b.turn_bias=-2", "--set", "base_rate=.3")
+    printed = run("config", *given).stdout
+    assert run("config", "--config", write(tmp_path / "site.yaml", printed)).stdout == printed
+    assert "resolution: 0.001                       # metres per cell\n" in printed
+    assert 'robots:\n  "r.1:b": {turn_bias: -2.0}\n' in printed
+    assert max(map(len, printed.splitlines())) <= 100
+
+
+def test_an_entry_of_robots_beats_the_general_value_whatever_its_level(tmp_path: Path) -> None:
+    config = write(tmp_path / "site.yaml", "robots:\n  r1: {turn_spread: 0.25}\n")
+    grid = fused(tmp_path, "--config", config, "--set", "turn_spread=1")
+    other = write(tmp_path / "b.json", {**LOG, "robot": "r2"})
+    assert run("fuse", other, "-g", grid).exit_code == 0
+    assert turn_spreads(grid) == {"r1": 0.25, "r2": 1.0}
+
+
+def test_a_logs_own_model_beats_them_all_unless_models_are_not_accepted(tmp_path: Path) -> None:
+    logs = [
+        write(tmp_path / "b.json", {**LOG, "robot": "r2", "model": {"turn_spread": 0.5}}),
+        write(tmp_path / "c.json", {**LOG, "robot": "r3", "model": {"turn_bias": 1}}),
+    ]
+    robots = ("--set", "robots.r2.turn_spread=3", "--set", "robots.r3.turn_spread=4")
+    for accept, expected in (("true", 0.5), ("false", 3.0)):
+        grid = tmp_path / f"{accept}.possmap"
+        run("fuse", *logs, "-g", grid, *robots, "--set", f"accept_models={accept}")
+        assert turn_spreads(grid) == {"r2": expected, "r3": 4.0}
+
+
+def test_a_grid_keeps_what_shapes_evidence_and_later_calls_need_none(tmp_path: Path) -> None:
+    kept = {"resolution": 0.25, "free_along_walls": True, "turn_spread": 1.0}
+    sets = [f"--set={name}={str(value).lower()}" for name, value in kept.items()]
+    grid = fused(tmp_path, *sets, "--set", "limit_nesting=4", "--set", "base_rate=0.1")
+    assert (
+        run("fuse", write(tmp_path / "b.json", {**LOG, "robot": "r2"}), "-g", grid).exit_code == 0
+    )
+    assert turn_spreads(grid) == {"r1": 1.0, "r2": 1.0}
+    found = in_force("-g", grid)
+    assert found == {**in_force(), **kept}, "limits and the base rate belong to each call"
+    assert run("fuse", tmp_path / "b.json", "-g", grid, *sets).exit_code == 0, "equal is no change"
+
+
+@pytest.mark.parametrize(
+    ("args", "origin", "message"),
+    [
+        (
+            ["--resolution", ".1"],
+            "--resolution",
+            "resolution, found 0.1, but {} was made with 0.25",
+        ),
+        (["--set", "sensor=1"], "--set", "sensor, found 1.0, but {} was made with 0.0"),
+        (["--config", "CONFIG"], "CONFIG:2", "drift, found 1.0, but {} was made with 0.0"),
+        (
+            ["--profile", "paper"],
+            "--profile paper",
+            "resolution, found 0.05, but {} was made with 0.25",
+        ),
+        (
+            ["--set", "independence=excursion"],
+            "--set",
+            "independence, found excursion, but {} was made with detection",
+        ),
+    ],
+)
+def test_a_differing_setting_is_refused_with_both_values(
+    args: list[str], origin: str, message: str, tmp_path: Path
+) -> None:
+    grid = fused(tmp_path, "--resolution", "0.25")
+    before = grid.read_bytes()
+    config = str(write(tmp_path / "site.yaml", "# mine\ndrift: 1\n"))
+    args = [arg.replace("CONFIG", config) for arg in args]
+    expected = f"possmap: {origin.replace('CONFIG', config)}: {message.format(grid)} and keeps it; "
+    for command in (["fuse", tmp_path / "a.json", "-g", grid], ["config", "-g", grid]):
+        result = run(*command, *args)
+        assert result.stderr.startswith(expected) and result.stderr.count("\n") == 1
+        assert (result.stdout, result.exit_code) == ("", 1)
+    assert grid.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("name", "asked"),
+    [
+        ("sites", "resolution=0.1"),
+        ("sites", "free_along_walls=true"),
+        ("my sites", "resolution=0.1"),
+    ],
+)
+def test_the_advice_in_a_refusal_can_be_followed(
+    name: str, asked: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / name
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    grid = fused(folder)
+    refusal = run("fuse", "a.json", "-g", grid, "--set", asked)
+    advice = shlex.split(refusal.stderr.partition("to fuse its logs anew: possmap ")[2])
+    assert run(*advice).exit_code == 0
+    assert run("fuse", "a.json", "-g", "there.possmap", "--set", asked).exit_code == 0
+    assert digest(folder / "NEW.possmap") == digest(folder / "there.possmap")
+
+
+def test_later_entries_of_robots_hold_for_excursions_not_yet_known(tmp_path: Path) -> None:
+    grid = fused(tmp_path)
+    later = {**LOG["records"][0], "seq": 2}
+    longer = {**LOG, "records": [*LOG["records"], later]}
+    again = write(tmp_path / "b.json", {**longer, "carried": [{**LOG, "excursion": "b"}]})
+    result = run("fuse", again, "-g", grid, "--set", "robots.r1.turn_spread=0.5")
+    assert (result.stderr, result.exit_code) == ("", 0)
+    with possmap.open_grid(grid) as opened:
+        spread = {one.excursion: one.model.turn_spread for one in opened.ledger.entries()}
+    assert spread == {"a": 2.0, "b": 0.5}
+    assert in_force("-g", grid)["robots"] == {"r1": {"turn_spread": 0.5}}
+    run("fuse", again, "-g", grid, "--set", "robots.r1.turn_spread=0.75")
+    assert in_force("-g", grid)["robots"] == {"r1": {"turn_spread": 0.75}}, "they may change"
+
+
+@pytest.mark.parametrize(
+    ("args", "complaint"),
+    [
+        (
+            ["--set", "resolutoin=1"],
+            '--set: unknown setting "resolutoin", did you mean "resolution"?',
+        ),
+        (["--set", "zzz=1"], '--set: unknown setting "zzz"; possmap config lists the known ones'),
+        (
+            ["--set", "robots.r1.turn_spred=1"],
+            '--set: unknown parameter "turn_spred" of robot r1, did you mean "turn_spread"?',
+        ),
+        (["--set", "robots=1"], "robots.NAME.PARAMETER"),
+        (["--set", "robots.r1=1"], '"r1", expected robots.NAME.PARAMETER'),
+        (["--set", "robots.r 1.drift=1"], 'found "r 1", expected robots.NAME.PARAMETER'),
+        (["--set", "max_error=0"], '--set: max_error, found "0", expected a number > 0'),
+        (["--set", "resolution=1_"], '--set: resolution, found "1_", expected a number'),
+        (["--set", "free_along_walls=1"], 'found "1", expected true or false'),
+        (["--set", "drift"], "'drift', expected KEY=VALUE"),
+        (["--resolution", "x"], '--resolution: resolution, found "x", expected a number'),
+        (["--profile", "bold"], "'bold' is not one of 'paper', 'robust'"),
+        (["--config", "no.yaml"], "'no.yaml' does not exist"),
+        (["extra"], "extra argument (extra)"),
+    ],
+)
+def test_wrong_usage_ends_with_2(args: list[str], complaint: str) -> None:
+    result = CliRunner().invoke(main, ["config", *args])
+    assert complaint in "".join(result.stderr.splitlines()[-1:])
+    assert (result.stdout, result.exit_code) == ("", 2)
+
+
+def test_the_estimator_heading_is_refused_clearly() -> None:
+    result = run("config", "--set", "estimator=heading")
+    expected = '--set: estimator, found "heading", which this version does not have yet'
+    assert (result.stderr, result.exit_code) == (f"possmap: {expected}; it has linear\n", 1)
+
+
+def test_the_profile_robust_is_refused_clearly(tmp_path: Path) -> None:
+    result = run("config", "--profile", "robust")
+    expected = '--profile, found "robust", which this version does not have yet; it has paper'
+    assert (result.stderr, result.exit_code) == (f"possmap: {expected}\n", 1)
+
+
+def test_a_wrong_file_is_refused_with_its_line(tmp_path: Path) -> None:
+    config = write(tmp_path / "site.yaml", "resolution: 0.1\n\nturn_spraed: 1\n")
+    result = run("config", "--config", config)
+    guess = 'unknown setting "turn_spraed", did you mean "turn_spread"?'
+    assert (result.stderr, result.stdout) == (f"possmap: {config}:3: {guess}\n", "")
+    assert result.exit_code == 1

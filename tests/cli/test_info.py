@@ -1,0 +1,195 @@
+"""``possmap info``: size, settings, robots, excursions and digest of a grid."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from possmap.cli.main import main
+from possmap.release import version
+
+EXACT = {"along": 0, "across": 0, "turn_spread": 0}  # a robot that makes no errors
+
+
+def run(*args: object) -> Result:
+    return CliRunner().invoke(main, [str(arg) for arg in args], catch_exceptions=False)
+
+
+def bumps(robot: str, excursion: str, *places: tuple[float, float], **more: Any) -> Any:
+    """Two poses at the origin, and a bump at each place seen between them."""
+    records: list[Any] = [{"seq": 0, "kind": "pose", "x": 0, "y": 0, "heading": 0}]
+    for x, y in places:
+        records += [{"seq": len(records), "kind": "wall", "x": x, "y": y, "x2": x, "y2": y}]
+    records += [{"seq": len(records), "kind": "pose", "x": 0, "y": 0, "heading": 0}]
+    whole = {"possmap_log": 1, "robot": robot, "excursion": excursion, "model": EXACT}
+    return {**whole, "records": records, **more}
+
+
+def fused(folder: Path, *logs: Any, settings: tuple[str, ...] = ()) -> Path:
+    paths = [folder / f"{number}.json" for number in range(len(logs))]
+    for path, log in zip(paths, logs, strict=True):
+        path.write_text(json.dumps(log))
+    grid = folder / "site.possmap"
+    assert run("fuse", *paths, "-g", grid, *settings).exit_code == 0
+    return grid
+
+
+def team() -> list[Any]:
+    short = bumps("r2", "x", (0.51, -0.24))
+    longer = {**short, "records": short["records"] + [{**short["records"][2], "seq": 3}]}
+    return [bumps("r1", "a", (1.01, 0.26), (-20.01, 0.26), carried=[short]), longer]
+
+
+def test_a_grid_is_told_line_by_line(tmp_path: Path) -> None:
+    grid = fused(tmp_path, *team())
+    result = run("info", grid)
+    assert (result.stderr, result.exit_code) == ("", 0)
+    digest = json.loads(run("info", grid, "--json").stdout)["digest"]
+    assert re.fullmatch("[0-9a-f]{64}", digest)
+    # Columns -401 to 20, rows -5 to 5, of 0.05 m.
+    assert result.stdout == (
+        f"grid        {grid}, {grid.stat().st_size / 1024:.0f} KiB\n"
+        f"digest      {digest}\n"
+        "map         21.10 × 0.55 m from (-20.05, -0.25), 422 × 11 cells of 0.05 m, 3 tiles\n"
+        "evidence    8 records of 2 excursions by 2 robots\n"
+        "settings    the paper's, all of them\n"
+        "  r1 a: 4 records\n"
+        f"    4 from {tmp_path / '0.json'}\n"
+        "  r2 x: 4 records\n"
+        f"    3 from {tmp_path / '0.json'}, carried by r1 a\n"
+        f"    1 from {tmp_path / '1.json'}\n"
+    )
+
+
+def test_json_tells_the_same(tmp_path: Path) -> None:
+    settings = ("--resolution", "0.1", "--set", "robots.r2.drift=1e-3")
+    grid = fused(tmp_path, *team(), settings=settings)
+    found = json.loads(run("info", grid, "--json").stdout)
+    excursions = found.pop("excursions")
+    stored = found.pop("settings")
+    assert len(found.pop("digest")) == 64
+    assert found.pop("extent") == pytest.approx([-20.1, -0.3, 1.1, 0.3])
+    assert found == {
+        "grid": str(grid),
+        "resolution": 0.1,
+        "rows": 6,
+        "columns": 212,
+        "tiles": 3,
+        "file_size": grid.stat().st_size,
+        "records": 8,
+        "robots": ["r1", "r2"],
+    }
+    assert (stored["resolution"], stored["robots.r2.drift"]) == (0.1, 0.001)
+    assert (stored["free_along_walls"], stored["turn_spread"]) == (False, 2.0)
+    assert [(one["robot"], one["excursion"], one["records"]) for one in excursions] == [
+        ("r1", "a", 4),
+        ("r2", "x", 4),
+    ]
+    first = (tmp_path / "0.json").read_bytes()
+    carried, own = excursions[1]["parts"]
+    assert re.fullmatch(r"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00", carried.pop("fused_at"))
+    assert carried == {
+        "first": 0,
+        "count": 3,
+        "carried_by": ["r1", "a"],
+        "source": str(tmp_path / "0.json"),
+        "sha256": hashlib.sha256(first).hexdigest(),
+        "size": len(first),
+        "version": version(),
+    }
+    assert (own["first"], own["count"], own["carried_by"]) == (3, 1, None)
+
+
+def test_an_empty_grid_holds_nothing(tmp_path: Path) -> None:
+    grid = fused(tmp_path, {**bumps("r1", "a"), "records": []})
+    lines = run("info", grid).stdout.splitlines()
+    assert lines[2] == "map         nothing, 0 tiles"
+    assert lines[5] == "  r1 a: 0 records"
+    found = json.loads(run("info", grid, "--json").stdout)
+    assert (found["rows"], found["columns"], found["extent"], found["records"]) == (0, 0, None, 0)
+
+
+def test_what_differs_from_the_paper_is_told_as_yaml_spells_it(tmp_path: Path) -> None:
+    settings = ("--set", "free_along_walls=true", "--set", "robots.r1.drift=0.5")
+    grid = fused(tmp_path, bumps("r1", "a"), settings=("--resolution", "0.1", *settings))
+    line = run("info", grid).stdout.splitlines()[4]
+    assert line == "settings    resolution 0.1, free_along_walls true, robots.r1.drift 0.5"
+
+
+def test_one_of_a_thing_is_told_in_the_singular(tmp_path: Path) -> None:
+    log = bumps("r1", "a", (1.01, 0.26))
+    waiting = {**log, "records": log["records"][:1]}
+    text = run("info", fused(tmp_path, waiting)).stdout
+    assert "evidence    1 record of 1 excursion by 1 robot\n" in text
+    assert "  r1 a: 1 record\n" in text
+    folder = tmp_path / "more"
+    folder.mkdir()
+    assert ", 1 tile\n" in run("info", fused(folder, log)).stdout
+
+
+def test_the_order_of_the_logs_does_not_change_the_digest(tmp_path: Path) -> None:
+    digests = []
+    for name, logs in (("there", team()), ("back", team()[::-1])):
+        (tmp_path / name).mkdir()
+        grid = fused(tmp_path / name, *logs)
+        digests.append(json.loads(run("info", grid, "--json").stdout)["digest"])
+    assert digests[0] == digests[1]
+
+
+def test_looking_changes_nothing(tmp_path: Path) -> None:
+    grid = fused(tmp_path, *team())
+    before = grid.read_bytes(), sorted(tmp_path.iterdir())
+    assert run("info", grid).exit_code == 0
+    assert (grid.read_bytes(), sorted(tmp_path.iterdir())) == before
+
+
+def test_a_name_with_terminal_codes_is_shown_escaped(tmp_path: Path) -> None:
+    folder = tmp_path / "red\x1b[31m\n"
+    folder.mkdir()
+    text = run("info", fused(folder, bumps("r1", "a"))).stdout
+    assert "\x1b" not in text and r"red\x1b[31m\n" in text
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_a_poor_terminal_gets_the_text_too(encoding: str, tmp_path: Path) -> None:
+    grid = fused(tmp_path, *team())
+    result = subprocess.run(
+        [sys.executable, "-c", "from possmap.cli.main import main; main()", "info", str(grid)],
+        env={**os.environ, "PYTHONIOENCODING": encoding},
+        capture_output=True,
+        check=False,
+    )
+    assert result.stderr == b""
+    assert b"digest " in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (b"", "empty, expected a possmap grid"),
+        (b"robot,excursion\n", "not a possmap grid"),
+        (b"SQLite format 3\0", "not a possmap grid"),
+    ],
+)
+def test_what_is_no_grid_is_refused(content: bytes, complaint: str, tmp_path: Path) -> None:
+    path = tmp_path / "site.possmap"
+    path.write_bytes(content)
+    result = run("info", path)
+    assert (result.stderr, result.stdout) == (f"possmap: {path}: {complaint}\n", "")
+    assert result.exit_code == 1
+    assert path.read_bytes() == content
+
+
+def test_a_missing_grid_and_a_folder_are_wrong_usage(tmp_path: Path) -> None:
+    for path, complaint in ((tmp_path / "no.possmap", "does not exist"), (tmp_path, "directory")):
+        result = run("info", path)
+        assert complaint in result.stderr and (result.stdout, result.exit_code) == ("", 2)

@@ -1,0 +1,84 @@
+"""The README and the docs are true: what they show is what a user gets."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from possmap.cli.main import COMMANDS, main
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a folder with the shipped data, and stand in it."""
+    shutil.copytree(ROOT / "data", tmp_path / "data")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def sessions(text: str) -> list[tuple[str, str]]:
+    """Return each command of the console blocks with the output shown below it."""
+    found: list[tuple[str, str]] = []
+    for block in re.findall(r"^```console\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
+        for part in re.split(r"^\$ ", block, flags=re.MULTILINE)[1:]:
+            command, _, output = part.partition("\n")
+            found.append((command, output))
+    return found
+
+
+def matches(shown: str, got: str) -> bool:
+    """Compare output; a line of three dots stands for any lines."""
+    pattern = re.escape(shown).replace(re.escape("...\n"), "(?:.*\n)*?")
+    return re.fullmatch(pattern, got) is not None
+
+
+def test_the_commands_of_the_readme_print_what_it_shows(clone: Path) -> None:
+    commands = sessions(README)
+    assert len(commands) >= 3
+    for command, shown in commands:
+        program, *arguments = shlex.split(command)
+        assert program == "possmap"
+        result = CliRunner().invoke(main, arguments, prog_name="possmap")
+        assert result.exit_code == 0, result.output
+        assert matches(shown, result.output), f"{command}\n{result.output}"
+
+
+def test_the_python_of_the_readme_runs(clone: Path) -> None:
+    blocks = re.findall(r"^```python\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
+    assert blocks
+    for block in blocks:
+        exec(compile(block, "README.md", "exec"), {})
+
+
+def test_the_picture_of_the_readme_is_the_one_its_command_draws(clone: Path) -> None:
+    from PIL import Image
+
+    for arguments in (
+        ["fuse", "data/json", "-g", "site.possmap"],
+        ["render", "site.possmap", "-o", "site.png"],
+    ):
+        assert CliRunner().invoke(main, arguments).exit_code == 0
+    with Image.open("site.png") as drawn, Image.open(ROOT / "docs/pictures/site.png") as shown:
+        assert drawn.size == shown.size
+        assert drawn.info["possmap:digest"] == shown.info["possmap:digest"]
+
+
+def test_every_command_stands_in_the_readme() -> None:
+    for command in COMMANDS:
+        assert f"`possmap {command}" in README
+
+
+def test_links_lead_somewhere() -> None:
+    for page in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *(ROOT / "data").glob("*.md")]:
+        text = page.read_text(encoding="utf-8")
+        for link in re.findall(r"\]\(([^)#\s]+)", text):
+            if "://" not in link:
+                assert (page.parent / link).exists(), f"{page.name}: {link}"

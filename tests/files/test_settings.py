@@ -1,0 +1,257 @@
+"""Settings as YAML: what is read, what is refused and where, and the way there and back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import example, given
+from hypothesis import settings as budget
+from hypothesis import strategies as st
+
+from possmap.core.model import NEVER_NEGATIVE, PARAMETERS, POSITIVE
+from possmap.errors import SettingsError
+from possmap.files.logs.fields import NAME
+from possmap.files.settings import KNOWN, SHAPING, Settings, assemble, to_yaml
+from possmap.files.settings_yaml import read_settings, shipped
+
+LARGEST = 1e6
+
+
+def read(folder: Path, text: str | bytes) -> dict[str, Any]:
+    """Return the values of a settings file, by flat name."""
+    path = folder / "site.yaml"
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return {name: value for name, (value, _) in read_settings(path).items()}
+
+
+def refusal(folder: Path, text: str | bytes) -> str:
+    """Return why a settings file is refused, after the file's name."""
+    with pytest.raises(SettingsError) as caught:
+        read(folder, text)
+    message = str(caught.value)
+    assert message.isprintable(), "one line, no terminal codes"
+    assert message.startswith(f"{folder / 'site.yaml'}:")
+    return message.removeprefix(f"{folder / 'site.yaml'}:")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", {}),
+        ("# nothing\n---\n", {}),
+        ("resolution: 0.1", {"resolution": 0.1}),
+        ("\ufeffresolution: 0.1\n", {"resolution": 0.1}),
+        ("resolution: 0.1\r\ndrift: -2 # to the right\r\n", {"resolution": 0.1, "drift": -2.0}),
+        ("{resolution: 1e-3, drift: +1E-3}", {"resolution": 0.001, "drift": 0.001}),
+        ("along: 1e-3\nacross: .5\nsensor: 1.\n", {"along": 0.001, "across": 0.5, "sensor": 1.0}),
+        ("along: &small 0.25\nacross: *small\n", {"along": 0.25, "across": 0.25}),
+        ("limit_nesting: 4", {"limit_nesting": 4}),
+        (
+            "free_along_walls: true\naccept_models: false",
+            {"free_along_walls": True, "accept_models": False},
+        ),
+        ("robots:\nresolution: 1", {"resolution": 1.0}),
+        ("robots: {}", {}),
+        (
+            "robots: {r1: {drift: 1}, 7: {scale: 2}}",
+            {"robots.r1.drift": 1.0, "robots.7.scale": 2.0},
+        ),
+        ('robots:\n  "a.b:c": {drift: 1}', {"robots.a.b:c.drift": 1.0}),
+        (
+            "robots:\n  r1: &twins {drift: 1}\n  r2: *twins\n",
+            {"robots.r1.drift": 1.0, "robots.r2.drift": 1.0},
+        ),
+    ],
+)
+def test_a_settings_file_is_read(text: str, expected: dict[str, Any], tmp_path: Path) -> None:
+    found = read(tmp_path, text)
+    assert found == expected
+    assert {name: type(value) for name, value in found.items()} == {
+        name: type(value) for name, value in expected.items()
+    }
+
+
+def test_each_value_knows_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "site.yaml"
+    path.write_text("# mine\nresolution: 0.1\nrobots:\n  r1:\n    drift: 1\n    scale: 2\n")
+    origins = {name: given.origin for name, given in read_settings(path).items()}
+    assert origins == {
+        "resolution": f"{path}:2",
+        "robots.r1.drift": f"{path}:5",
+        "robots.r1.scale": f"{path}:6",
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("a: 1", '1: unknown setting "a"; possmap config lists the known ones'),
+        ("\n\nresolutoin: 1", '3: unknown setting "resolutoin", did you mean "resolution"?'),
+        ("robot: {}", '1: unknown setting "robot", did you mean "robots"?'),
+        ("drift: 1\nscale: 1\ndrift: 1", '3: "drift" is given twice'),
+        ("resolution: fine", '1: resolution, found "fine", expected a number'),
+        ("resolution:", '1: resolution, found "", expected a number'),
+        ("resolution: 0", '1: resolution, found "0", expected a number >= 1e-6'),
+        ("resolution: nan", '1: resolution, found "nan", expected a number'),
+        ("resolution: .inf", '1: resolution, found ".inf", expected a number'),
+        ("resolution: 1e999", '1: resolution, found "1e999", expected a number within ±1e6'),
+        ("resolution: 1_", '1: resolution, found "1_", expected a number'),
+        ("resolution: 0x1", '1: resolution, found "0x1", expected a number'),
+        ("resolution: [1]", "1: resolution, found a list, expected one value"),
+        ("resolution:\n  {}", "1: resolution, found a mapping, expected one value"),
+        ("along: -1e-9", '1: along, found "-1e-9", expected a number >= 0'),
+        ("free_along_walls: 1", '1: free_along_walls, found "1", expected true or false'),
+        ("limit_nesting: 1.5", '1: limit_nesting, found "1.5", expected a whole number > 0'),
+        ("base_rate: 1", '1: base_rate, found "1", expected a number between 0 and 1'),
+        (
+            "estimator: heading",
+            '1: estimator, found "heading", which this version does not have yet; it has linear',
+        ),
+        (
+            "independence: excursoin",
+            '1: independence, found "excursoin", expected detection or excursion,'
+            ' did you mean "excursion"?',
+        ),
+        ("42", '1: found "42", expected name: value'),
+        ("- drift: 1", "1: found a list, expected name: value"),
+        ("[1]: 2", "1: found a list for a name, expected name: value"),
+        ("robots: 3", '1: found "3", expected robot: {parameter: value}'),
+        ("robots: [r1]", "1: found a list, expected robot: {parameter: value}"),
+        ("robots:\n  r1: 3", '2: found "3", expected parameter: value'),
+        ("robots:\n  r1:\n", '2: found "", expected parameter: value'),
+        (
+            "robots: {r 1: {drift: 1}}",
+            '1: robots, found "r 1", expected robots.NAME.PARAMETER',
+        ),
+        (
+            "robots:\n  r1:\n    dirft: 1",
+            '3: unknown parameter "dirft" of robot r1, did you mean "drift"?',
+        ),
+        ("robots:\n  r1:\n    scale: 0", '3: robots.r1.scale, found "0", expected a number > 0'),
+        ("robots:\n  r1: {drift: 1,\n    drift: 1}", '3: "drift" is given twice'),
+        ("robots: &me {r1: *me}", "1: robots.r1.r1, found a mapping, expected one value"),
+        ("drift: *gone", "1: not YAML: found undefined alias 'gone'"),
+        ("drift: 1\nscale: [", "2: not YAML: "),
+        ("drift: 1\n\tscale: 1", "2: not YAML: "),
+        ("drift: '\\e[31m", "1: not YAML: "),
+        ("drift: " + "[" * 5000, "1: nested too deep, expected name: value"),
+        ("drift:\n" + "".join(" " * n + "- \n" for n in range(1, 12)), "9: nested too deep"),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_line(text: str, expected: str, tmp_path: Path) -> None:
+    assert refusal(tmp_path, text).startswith(expected)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "robots: {r1: {drift: 1}}\nrobots: {r2: {drift: 1}}",
+        "robots: {}\nrobots: {}",
+        "robots:\n  r1: {drift: 1}\n  r1: {scale: 1}",
+    ],
+)
+def test_robots_given_twice_are_refused_like_any_other_name(text: str, tmp_path: Path) -> None:
+    assert refusal(tmp_path, text).endswith("is given twice")
+
+
+def test_two_documents_are_refused_in_words(tmp_path: Path) -> None:
+    message = refusal(tmp_path, "drift: 1\n---\ndrift: 2\n")
+    assert message == (
+        "2: not YAML: expected a single document in the stream: but found another document"
+    )
+
+
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        (b"drift: \xff1", " not UTF-8 text, expected a settings file"),
+        ("drift: 1".encode("utf-16"), " not UTF-8 text, expected a settings file"),
+        (b"drift: 1\n" + b"#" * 2**20, " larger than 1 MiB, expected a settings file"),
+        (b"drift: \0", " not YAML: "),
+    ],
+)
+def test_what_is_no_text_is_refused(data: bytes, expected: str, tmp_path: Path) -> None:
+    assert refusal(tmp_path, data).startswith(expected)
+
+
+def test_a_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match=r": cannot be read: Is a directory$"):
+        read_settings(tmp_path)
+
+
+YAML_BITS = st.sampled_from(
+    [
+        *KNOWN,
+        *("robots", "r1", ": ", "\n", "  ", "- ", "{", "}", "[", "]", ",", "&a ", "*a", "!!x "),
+        *("'", '"', "#", "|", "> ", "---\n", "%YAML 1.1\n", "? ", "1_", "1e3", "true", "<<"),
+        *("\\U99999999", "\t", "\x85", "\x1b", "~", "\u2028", "\\x41", "0b1", "=", "`"),
+    ]
+)
+
+
+@given(text=st.lists(YAML_BITS, max_size=12).map("".join) | st.text(max_size=40))
+@example(text='resolution: "\\UFFFFFFFF"')
+@budget(max_examples=400, deadline=None)
+def test_any_text_is_read_or_refused_in_one_line(
+    text: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "any.yaml"
+    path.write_text(text, newline="", errors="replace")
+    try:
+        found = read_settings(path)
+    except SettingsError as error:
+        problem = str(error)
+    else:
+        problem = f"{path}"
+        assert found.keys() <= {*KNOWN, *(f"robots.r1.{name}" for name in PARAMETERS)}
+    assert problem.isprintable() and problem.startswith(str(path))
+
+
+def values(name: str) -> st.SearchStrategy[Any]:
+    """Return the values that a setting may have."""
+    if name == "estimator":
+        return st.just("linear")
+    if name == "independence":
+        return st.sampled_from(["detection", "excursion"])
+    if name.startswith(("free_", "clip_", "accept_")):
+        return st.booleans()
+    if name == "base_rate":
+        return st.floats(0, 1, exclude_min=True, exclude_max=True)
+    if name in ("limit_nesting", "limit_record_cells", "transaction_records"):
+        return st.integers(1, 10**15 - 1)
+    if name == "resolution":
+        return st.floats(1e-6, LARGEST)
+    if name in POSITIVE or name == "limit_file_mib":
+        return st.floats(0, LARGEST, exclude_min=True)
+    return st.floats(0 if name in NEVER_NEGATIVE else -LARGEST, LARGEST)
+
+
+ROBOTS = st.dictionaries(
+    st.from_regex(NAME, fullmatch=True),
+    st.sets(st.sampled_from(PARAMETERS), min_size=1).flatmap(
+        lambda names: st.fixed_dictionaries({name: values(name) for name in sorted(names)})
+    ),
+    max_size=3,
+)
+
+
+@given(flat=st.fixed_dictionaries({name: values(name) for name in KNOWN}), robots=ROBOTS)
+@budget(max_examples=60, deadline=None)
+def test_what_config_prints_gives_the_same_settings_back(
+    flat: dict[str, Any],
+    robots: dict[str, dict[str, float]],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    entries = {f"robots.{r}.{n}": value for r, own in robots.items() for n, value in own.items()}
+    printed = to_yaml(assemble({**flat, **entries}))
+    back = assemble(read(tmp_path_factory.getbasetemp(), printed))
+    assert back == assemble({**flat, **entries})
+    assert to_yaml(back) == to_yaml(assemble({**flat, **entries})).replace(": -0.0", ": 0.0 ")
+
+
+def test_the_profile_paper_is_the_default_and_names_all_that_shapes_evidence() -> None:
+    given_there = read_settings(shipped("paper.yaml"))
+    assert list(given_there) == list(SHAPING), "in the same order as possmap config prints them"
+    assert assemble({name: value for name, (value, _) in given_there.items()}) == Settings()
