@@ -123,8 +123,13 @@ def profiles(
     away = np.abs(cells - centres[:, None])
     height = np.maximum(0.0, 1 - half / max_error)[:, None]
     slope = np.maximum(0.0, 1 - (away * resolution) / (half + resolution / 2)[:, None])
-    quantised: Values = np.floor(FULL * (height * slope) + 0.5).astype(np.uint16)
-    return quantised
+    return quantised(height * slope)
+
+
+def quantised(values: Floats) -> Values:
+    """Return values in [0, 1] as 16-bit integers: floor(65535·v + 0.5)."""
+    found: Values = np.floor(FULL * values + 0.5).astype(np.uint16)
+    return found
 
 
 def swept_cells(segment: Segment, resolution: float, max_error: float) -> int:

@@ -12,7 +12,7 @@ import numpy as np
 
 from possmap.core.evidence import Segment
 from possmap.core.lattice import TILE, TileKey, Window
-from possmap.core.pyramid import Values, profiles, relevant, stamps
+from possmap.core.pyramid import Values, profiles, quantised, relevant, stamps
 
 LISTED_AT_ONCE = 512
 """Stamps whose tiles are looked up together."""
@@ -90,6 +90,12 @@ def stamp(block: Values, window: Window, piece: Piece, resolution: float, max_er
         right = np.minimum(some.columns + reach_columns + 1, window.column1)
         inside = (bottom < top) & (left < right)
         if not inside.any():
+            continue
+        if not (reach_rows.any() or reach_columns.any()):
+            # Stamps of one cell: long walls without any error have millions of them.
+            at = some.rows[inside] - window.row0, some.columns[inside] - window.column0
+            higher = np.maximum(some.half_x[inside], some.half_y[inside])
+            np.maximum.at(block, at, quantised(np.maximum(0.0, 1 - higher / max_error)))
             continue
         row0, column0 = int(bottom[inside].min()), int(left[inside].min())
         rows = np.arange(row0, int(top[inside].max()))

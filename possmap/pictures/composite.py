@@ -37,8 +37,9 @@ def drawn(cells: Cells, raster: Raster) -> Indices:
         denied = _eighth(1 - reduced(part.possibility, raster.shrink, "min").astype(np.float64))
         point = _eighth(reduced(part.points, raster.shrink, "max"))
         index = lookup[denied, n]
-        is_point = point > n
-        index[is_point] = _POINT + point[is_point] * (_POINT_LEVELS - 1) // 255
+        is_point = point > np.maximum(n, denied)
+        level = point[is_point].astype(np.int64)  # 8 bits would overflow
+        index[is_point] = _POINT + level * (_POINT_LEVELS - 1) // 255
         index[contradicted.astype(np.bool_)] = CONTRADICTED
         found[where] = index
     return found[::-1]
@@ -95,5 +96,5 @@ def table(palette: str) -> Table:
             mixed = share * wall[at_wall] + (1 - share) * free[at_free]
             colours[_BOTH + denied * _BOTH_LEVELS + n] = mixed
     point = (190, 190, 190) if gray else palettes.POINT
-    colours[_POINT:] = palettes.ramp((unknown, point), 256 - _POINT)
+    colours[_POINT:] = palettes.ramp((unknown, point), _POINT_LEVELS + 1)[1:]  # never unknown
     return np.rint(colours).astype(np.uint8)

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
@@ -28,12 +29,12 @@ def write_film(
     frames
         RGB images of one size.
     palette_of
-        A picture with all colours of the film: GIF and PNG have 256 of them.
+        A picture with all colours of the film: a GIF has 256 of them, and PNG if that is enough.
     """
     kind = FORMATS[suffix]
-    if kind != "WEBP":
-        colours = _palette(palette_of)
-        frames = (frame.quantize(palette=colours, dither=Image.Dither.NONE) for frame in frames)
+    few = len(np.unique(_packed(palette_of))) <= 256
+    if kind == "GIF" or (kind == "PNG" and few):
+        frames = _indexed(frames, palette_of)
     first, *rest = frames
     durations = [frame_ms] * len(rest) + [4 * frame_ms]
     shown = durations if rest else frame_ms
@@ -56,11 +57,49 @@ def write_film(
     return 1 + len(rest)
 
 
-def _palette(picture: Image.Image) -> Image.Image:
-    """Return a palette of a picture's 256 most frequent colours, exactly as they are."""
-    pixels = np.asarray(picture.convert("RGB")).reshape(-1, 3)
-    colours, counts = np.unique(pixels, axis=0, return_counts=True)
-    found = colours[np.argsort(-counts, kind="stable")[:256]]
-    palette = Image.new("P", (1, 1))
-    palette.putpalette(found.astype(np.uint8).tobytes())
-    return palette
+def _indexed(frames: Iterable[Image.Image], palette_of: Image.Image) -> list[Image.Image]:
+    """Return frames in palette mode, all with one palette of 256 colours.
+
+    Colours are kept exactly while there is room: first those of ``palette_of``, the most frequent
+    first, then what else a frame has; beyond 256 the nearest is taken.
+    """
+    colours, counts = np.unique(_packed(palette_of), return_counts=True)
+    order = np.argsort(-counts, kind="stable")[:256]
+    slots = {int(colour): slot for slot, colour in enumerate(colours[order])}
+    found = []
+    for frame in frames:
+        pixels = _packed(frame)
+        distinct, at = np.unique(pixels, return_inverse=True)
+        index = np.array([_slot(int(colour), slots) for colour in distinct], dtype=np.uint8)
+        found.append(Image.fromarray(index[at].reshape(pixels.shape)))
+    table = np.array([_unpacked(colour) for colour in slots], dtype=np.uint8)
+    for image in found:
+        image.putpalette(table.tobytes())
+    return found
+
+
+def _packed(picture: Image.Image) -> NDArray[np.uint32]:
+    """Return each pixel's colour as one number."""
+    pixels = np.asarray(picture.convert("RGB")).astype(np.uint32)
+    red, green, blue = pixels[..., 0], pixels[..., 1], pixels[..., 2]
+    packed: NDArray[np.uint32] = (red * 256 + green) * 256 + blue
+    return packed
+
+
+def _unpacked(colour: int) -> tuple[int, int, int]:
+    return colour >> 16, colour >> 8 & 255, colour & 255
+
+
+def _slot(colour: int, slots: dict[int, int]) -> int:
+    """Return the palette's index of a colour, or of the nearest if there is no more room."""
+    if colour not in slots and len(slots) < 256:
+        slots[colour] = len(slots)
+    if colour in slots:
+        return slots[colour]
+    r, g, b = _unpacked(colour)
+
+    def distance(other: int) -> int:
+        r2, g2, b2 = _unpacked(other)
+        return (r - r2) ** 2 + (g - g2) ** 2 + (b - b2) ** 2
+
+    return slots[min(slots, key=distance)]

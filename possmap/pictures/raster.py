@@ -106,7 +106,8 @@ def plan(
         if len(range(window.row0 // shrink, -(-window.row1 // shrink))) > max_size or (
             len(range(window.column0 // shrink, -(-window.column1 // shrink))) > max_size
         ):
-            shrink += 1  # blocks lie on the lattice: the window may cut one more
+            # Blocks lie on the lattice: the window may cut one more than its length needs.
+            shrink = -(-(longest - 1) // max(1, max_size - 1))
     if scale is None:
         scale = max(1, (enlarge_to or 0) // longest)
     if max_size is not None:

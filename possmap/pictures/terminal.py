@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from possmap.pictures.layers import Indices
 from possmap.pictures.palettes import Table
 
@@ -26,6 +28,12 @@ def in_colour(index: Indices, table: Table) -> str:
     return "\n".join(lines)
 
 
+_RANK = " .o+#!0123456789"
+"""Of two blocks that share a character, the sign further right is shown."""
+
+
 def in_letters(index: Indices, signs: str) -> str:
-    """Return one character for every second row of blocks; ``signs`` has one for each index."""
-    return "\n".join("".join(signs[i] for i in row).rstrip() for row in index[::2])
+    """Return one character for two rows of blocks; ``signs`` has one for each index."""
+    rank = np.array([_RANK.index(sign) for sign in signs])[index]
+    rows = [rank[top : top + 2].max(axis=0) for top in range(0, len(rank), 2)]
+    return "\n".join("".join(_RANK[k] for k in row).rstrip() for row in rows)
