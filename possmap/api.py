@@ -13,7 +13,7 @@ from possmap.core.lattice import Window
 from possmap.core.views import VIEWS
 from possmap.errors import PossmapError
 from possmap.files.gridfile.grid import Grid as _Grid
-from possmap.files.settings import Value, parse_setting
+from possmap.files.setting_table import Value, parse_setting
 from possmap.release import version
 
 __all__ = [

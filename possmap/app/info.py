@@ -8,7 +8,8 @@ from pathlib import Path
 from possmap.core.lattice import Window
 from possmap.files.gridfile.grid import Grid
 from possmap.files.gridfile.ledger import Arrival, Entry
-from possmap.files.settings import Settings, Value
+from possmap.files.setting_table import Value
+from possmap.files.settings import Settings
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,16 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from possmap.errors import SettingsError, printable
-from possmap.files.settings import (
-    SHAPING,
-    Given,
-    GivenSettings,
-    Settings,
-    Value,
-    assemble,
-    merged,
-    scalar,
-)
+from possmap.files.setting_table import SHAPING, Given, GivenSettings, Value, merged
+from possmap.files.settings import Settings, assemble, scalar
 
 
 @dataclass(frozen=True, slots=True)

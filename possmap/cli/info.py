@@ -68,7 +68,8 @@ def _as_json(found: GridInfo) -> dict[str, Any]:
 
 def _as_text(found: GridInfo) -> list[str]:
     from possmap.errors import plural, printable
-    from possmap.files.settings import SHAPING, Settings, flat_evidence, scalar
+    from possmap.files.setting_table import SHAPING
+    from possmap.files.settings import Settings, flat_evidence, scalar
 
     size = "nothing"
     if found.window and found.extent_m:

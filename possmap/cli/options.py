@@ -10,7 +10,7 @@ import click
 
 if TYPE_CHECKING:
     from possmap.app.settings import Request
-    from possmap.files.settings import GivenSettings
+    from possmap.files.setting_table import GivenSettings
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -110,7 +110,7 @@ def request(
 
 def _given(name: str, text: str, origin: str) -> GivenSettings:
     from possmap.errors import NotYetError, SettingsError
-    from possmap.files.settings import parse_setting
+    from possmap.files.setting_table import parse_setting
 
     try:
         return {name: parse_setting(name, text, origin)}

@@ -8,7 +8,7 @@ from pathlib import Path
 import yaml
 
 from possmap.errors import NotYetError, SettingsError, printable, shown
-from possmap.files.settings import Given, GivenSettings, known_setting, parse_setting
+from possmap.files.setting_table import Given, GivenSettings, known_setting, parse_setting
 
 LARGEST_BYTES = 1 << 20
 DEEPEST = 8

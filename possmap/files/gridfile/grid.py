@@ -21,7 +21,8 @@ from possmap.errors import GridError, SettingsError, did_you_mean
 from possmap.files.gridfile.database import Database
 from possmap.files.gridfile.ledger import Ledger
 from possmap.files.gridfile.tiles import TileStore
-from possmap.files.settings import SHAPING, Value, assemble, flat_evidence, parse_setting
+from possmap.files.setting_table import SHAPING, Value, parse_setting
+from possmap.files.settings import assemble, flat_evidence
 
 
 class Grid:

@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-import struct
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from operator import attrgetter
 
 from possmap.core.evidence import Geometry
 from possmap.core.fusion import Touched
 from possmap.core.lattice import TileKey
-from possmap.core.model import PARAMETERS, ErrorModel
+from possmap.core.model import ErrorModel
 from possmap.core.propagation import ErrorRectangle
-from possmap.core.records import KIND_OF, KINDS, PartialMap, Pose, Record
+from possmap.core.records import KIND_OF, KINDS, PartialMap, Pose
 from possmap.files.gridfile.database import Database
+from possmap.files.gridfile.rows import (
+    GEOMETRY,
+    RECORD_COLUMNS,
+    check_types,
+    columns_of,
+    excursion_hash,
+    geometry_row,
+    record_of_row,
+)
 from possmap.files.logs.delivery import Origin
 
 
@@ -72,60 +79,6 @@ class Entry:
         return self.robot, self.excursion
 
 
-def _columns(kind: type[Record]) -> list[tuple[str, str]]:
-    """Return attribute and column of each field of a kind of record."""
-    return [(f.name, f.name.removesuffix("_deg")) for f in fields(kind)]
-
-
-_GEOMETRY = (
-    "map_x", "map_y", "half_x", "half_y",
-    "map_x2", "map_y2", "half_x2", "half_y2", "map_heading",
-)  # fmt: skip
-_FLAGS = frozenset({"followed", "hit"})
-_MAY_BE_ABSENT = frozenset({"t", "upto"})
-_TYPES: dict[str, type] = {
-    "seq": int, "followed": int, "hit": int, "upto": int,
-    "corner": str, "peer": str, "peer_excursion": str, "extra": str,
-}  # fmt: skip
-_READ_COLUMNS = sorted({column for kind in KINDS.values() for _, column in _columns(kind)})
-
-
-def excursion_hash(excursion: PartialMap, model: ErrorModel) -> bytes:
-    """Return SHA-256 of an excursion's names, model in force and records, in a canonical form.
-
-    Doubles are hashed as 8 bytes, big-endian, and absent values by a mark of their own: the same
-    log gives the same hash from every encoding.
-    """
-    digest = hashlib.sha256()
-
-    def add(value: object) -> None:
-        if isinstance(value, str):
-            data = value.encode()
-            digest.update(b"s" + struct.pack(">I", len(data)) + data)
-        elif isinstance(value, float):
-            digest.update(b"d" + struct.pack(">d", value))
-        elif value is None:
-            digest.update(b"-")
-        else:
-            digest.update(b"i" + struct.pack(">q", value))
-
-    add(excursion.robot)
-    add(excursion.excursion)
-    for name in PARAMETERS:
-        add(float(getattr(model, name)))
-    for record in excursion.records:
-        add(KIND_OF[type(record)])
-        for value in _CONTENT[type(record)](record):
-            add(value)
-    return digest.digest()
-
-
-_CONTENT = {
-    kind: attrgetter(*(name for name, _ in _columns(kind) if name != "extra"))
-    for kind in KINDS.values()
-}
-
-
 class Ledger:
     """The excursions of one grid file."""
 
@@ -146,7 +99,7 @@ class Ledger:
         sql = f"SELECT id, robot, name, model, records FROM excursion {clause}"
         for identity, robot, name, model, records in self._database.all(sql, values):
             with self._sound(f"excursion {name} of robot {robot}"):
-                _check_types((robot, str), (name, str), (model, str), (records, int))
+                check_types((robot, str), (name, str), (model, str), (records, int))
                 entry = Entry(identity, robot, name, ErrorModel(**json.loads(model)), records)
             yield entry
 
@@ -156,7 +109,7 @@ class Ledger:
             "SELECT own_model, extra FROM excursion WHERE id = ?", (entry.identity,)
         )
         own_model, extra = row or ("{}", "")
-        columns = ", ".join(f'"{column}"' for column in _READ_COLUMNS)
+        columns = ", ".join(f'"{column}"' for column in RECORD_COLUMNS)
         rows = self._database.all(
             f"SELECT kind, {columns} FROM record WHERE excursion = ? ORDER BY number",
             (entry.identity,),
@@ -165,7 +118,7 @@ class Ledger:
             if len(rows) != entry.records:
                 raise ValueError(f"{len(rows)} records, expected {entry.records}")
             records = tuple(
-                _record(kind, dict(zip(_READ_COLUMNS, values, strict=True)))
+                record_of_row(kind, dict(zip(RECORD_COLUMNS, values, strict=True)))
                 for kind, *values in rows
             )
             model = tuple(sorted(json.loads(own_model).items()))
@@ -177,7 +130,7 @@ class Ledger:
 
     def _geometry(self, where: str, values: Sequence[object]) -> Iterator[tuple[int, Geometry]]:
         sql = (
-            f"SELECT number, {', '.join(_GEOMETRY)} FROM record"
+            f"SELECT number, {', '.join(GEOMETRY)} FROM record"
             f" WHERE {where} AND map_x IS NOT NULL ORDER BY excursion, number"
         )
         for number, x, y, half_x, half_y, x2, y2, half_x2, half_y2, heading in self._database.all(
@@ -185,7 +138,7 @@ class Ledger:
         ):
             with self._sound(f"the place of record {number}"):
                 for value in (x, y, half_x, half_y, x2, y2, half_x2, half_y2):
-                    _check_types((value, float))
+                    check_types((value, float))
                 rect, rect2 = ErrorRectangle(half_x, half_y), ErrorRectangle(half_x2, half_y2)
             yield number, Geometry(x, y, rect, x2, y2, rect2, heading)
 
@@ -227,7 +180,7 @@ class Ledger:
             robot, excursion, first, count, by_robot, by_excursion, *origin, at, version = row
             carrier = None if by_robot is None else (by_robot, by_excursion)
             with self._sound(f"the arrivals of excursion {excursion} of robot {robot}"):
-                _check_types((first, int), (count, int), (origin[0], str), (at, str))
+                check_types((first, int), (count, int), (origin[0], str), (at, str))
             part = Part(first, count, Origin(*origin), carrier)
             yield Arrival(robot, excursion, part, at, version)
 
@@ -290,9 +243,9 @@ class Ledger:
         while first and not isinstance(version.records[first - 1], Pose):
             first -= 1
         for kind in KINDS.values():
-            columns = ["excursion", "number", "kind", *(c for _, c in _columns(kind)), *_GEOMETRY]
+            columns = ["excursion", "number", "kind", *(c for _, c in columns_of(kind)), *GEOMETRY]
             marks = ", ".join("?" * len(columns))
-            content = attrgetter(*(name for name, _ in _columns(kind)))
+            content = attrgetter(*(name for name, _ in columns_of(kind)))
             names = ", ".join(f'"{column}"' for column in columns)
             self._database.many(
                 f"INSERT OR REPLACE INTO record ({names}) VALUES ({marks})",
@@ -302,7 +255,7 @@ class Ledger:
                         number,
                         KIND_OF[kind],
                         *content(record),
-                        *_laid_out(geometry, number),
+                        *geometry_row(geometry, number),
                     )
                     for number, record in enumerate(version.records[first:], first)
                     if type(record) is kind
@@ -320,33 +273,3 @@ class Ledger:
             "INSERT OR IGNORE INTO touched VALUES (?, ?, ?, ?)",
             ((*key, identity, number) for key, number in sorted(touched)),
         )
-
-
-def _laid_out(geometry: Mapping[int, Geometry], number: int) -> tuple[float | None, ...]:
-    at = geometry.get(number)
-    if at is None:
-        return (None,) * len(_GEOMETRY)
-    return (
-        at.x, at.y, at.rect.half_x, at.rect.half_y,
-        at.x2, at.y2, at.rect2.half_x, at.rect2.half_y, at.heading_deg,
-    )  # fmt: skip
-
-
-def _record(kind: str, row: Mapping[str, object]) -> Record:
-    """Return a record of its row; ValueError or TypeError if it cannot have been written so."""
-    make: Callable[..., Record] = KINDS[kind]
-    values: dict[str, object] = {}
-    for name, column in _columns(KINDS[kind]):
-        value = row[column]
-        if value is None and column not in _MAY_BE_ABSENT:
-            raise ValueError(f"{column} is missing")
-        if value is not None and type(value) is not _TYPES.get(column, float):
-            raise TypeError(f"{column} is no {_TYPES.get(column, float).__name__}")
-        values[name] = bool(value) if column in _FLAGS else value
-    return make(**values)
-
-
-def _check_types(*values: tuple[object, type]) -> None:
-    for value, expected in values:
-        if type(value) is not expected:
-            raise TypeError(f"found a {type(value).__name__}, expected a {expected.__name__}")
