@@ -28,6 +28,7 @@ from possmap.files.gridfile.ledger import Entry
 from possmap.pictures import compose
 from possmap.pictures.compose import Scene
 from possmap.pictures.film import FORMATS, write_film
+from possmap.pictures.overlays import Overlays
 from possmap.pictures.raster import Raster
 
 By: TypeAlias = Literal["excursion", "record"]
@@ -84,7 +85,8 @@ def animate(
         steps = list(_steps(grid, by, min(frames or _DEFAULT_FRAMES, MOST_FRAMES)))
         with replacing(output, overwrite) as stream:
             last = picture(grid, look, chosen).convert("RGB")
-            drawn = _frames(grid, look, chosen, steps, progress)
+            legend = overlays_of(grid, look, chosen)
+            drawn = _frames(grid, look, chosen, steps, legend, progress)
             text = metadata(grid, look, chosen)
             count = write_film(drawn, last, stream, suffix, frame_ms, text)
     return RenderSummary(output, *last.size, count)
@@ -122,7 +124,12 @@ def _steps(grid: Grid, by: By, most: int) -> Iterator[_Step]:
 
 
 def _frames(
-    grid: Grid, look: Look, chosen: Raster, steps: Sequence[_Step], progress: Progress
+    grid: Grid,
+    look: Look,
+    chosen: Raster,
+    steps: Sequence[_Step],
+    legend: Overlays,
+    progress: Progress,
 ) -> Iterator[Image.Image]:
     """Fuse step by step into memory, and draw after each."""
     settings = grid.settings
@@ -139,10 +146,14 @@ def _frames(
             memory.fuse(laid_out[entry.identity].before(upto), before)
             known[entry.identity] = upto
             robots.add(entry.robot)
-        yield _frame(grid, look, chosen, memory, known, len(robots), step.caption)
+        scene = _scene(grid, look, chosen, memory, known, len(robots), step.caption)
+        if look.bare:
+            yield compose.bare(scene, look.layers[0], chosen, look.palette).convert("RGB")
+        else:
+            yield compose.furnished(scene, look.layers, chosen, look.palette, legend)
 
 
-def _frame(
+def _scene(
     grid: Grid,
     look: Look,
     chosen: Raster,
@@ -150,8 +161,8 @@ def _frame(
     known: dict[int, int],
     robots: int,
     caption: str,
-) -> Image.Image:
-    scene = Scene(
+) -> Scene:
+    return Scene(
         cells=memory,
         resolution=grid.resolution,
         title=look.title if look.title is not None else grid.path.stem,
@@ -162,6 +173,3 @@ def _frame(
         base_rate=look.base_rate,
         overlays=overlays_of(grid, look, chosen, known),
     )
-    if look.bare:
-        return compose.bare(scene, look.layers[0], chosen, look.palette).convert("RGB")
-    return compose.furnished(scene, look.layers, chosen, look.palette)

@@ -120,8 +120,9 @@ def fuse(
     given = (request or Request()).given()
     stored = None
     if _holds_anything(grid):
-        with Grid(grid) as known:
-            stored = known.stored_settings()
+        # For writing, though nothing is: what an interrupted run left may hold nothing yet.
+        with Grid(grid, write=True) as known:
+            stored = None if known.is_new else known.stored_settings()
     settings = in_force(given, stored, grid)
     names = progress(list(inputs.expand(logs)), "log")
     reading = (_read(name, settings, allow_truncated) for name in names)
@@ -169,8 +170,9 @@ def _rehearse(
     """Judge everything and write nothing."""
     if not _holds_anything(path):
         return _judge(Judge(settings), reading, strict)
-    with Grid(path) as grid:
-        return _judge(Judge(settings, grid.ledger), reading, strict)
+    with Grid(path, write=True) as grid:
+        ledger = None if grid.is_new else grid.ledger
+        return _judge(Judge(settings, ledger), reading, strict)
 
 
 def _commit(
@@ -254,17 +256,8 @@ def _write(grid: Grid, judge: Judge, stamp: Stamper, progress: Progress) -> None
     for key, changed in stamp(tasks):
         grid.tiles.write(key, changed)
     log.info("%d excursions stamped into %d tiles", len(judge.accepted), tiles)
-    now = datetime.now(UTC).isoformat(timespec="seconds")
-    sources: dict[object, int] = {}
     for name, known in judge.accepted.items():
-        for part in known.parts:
-            if part.origin not in sources:
-                sources[part.origin] = grid.ledger.add_source(part.origin, now, version())
-        grid.ledger.add(
-            known.version,
-            known.model,
-            known.in_grid,
-            judge.laid_out[name].geometry,
-            [(part, sources[part.origin]) for part in known.parts],
-            touched[name],
-        )
+        geometry = judge.laid_out[name].geometry
+        grid.ledger.add(known.version, known.model, known.in_grid, geometry, touched[name])
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    grid.ledger.add_arrivals(judge.arrived, now, version())

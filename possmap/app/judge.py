@@ -51,12 +51,17 @@ class Judge:
         None if there is no grid yet.
     accepted
         Excursions with something that the grid does not hold.
+    laid_out
+        What these say.
+    arrived
+        Their parts, in the order of arrival.
     """
 
     settings: Settings
     ledger: Ledger | None = None
     accepted: dict[tuple[str, str], Known] = field(default_factory=dict)
     laid_out: dict[tuple[str, str], Findings] = field(default_factory=dict)
+    arrived: list[tuple[tuple[str, str], Part]] = field(default_factory=list)
 
     def take(self, log: LogFile) -> Verdict:
         """Accept a log file whole.
@@ -70,14 +75,18 @@ class Judge:
         """
         found: dict[tuple[str, str], Known] = {}
         before: dict[tuple[str, str], Known | None] = {}
+        arrived: list[tuple[tuple[str, str], Part]] = []
         for delivery in log.deliveries:
             name = delivery.version.name
             if name not in before:
                 before[name] = self._known(name)
             known = found.get(name) or before[name]
             found[name] = self._joined(known, delivery)
+            if found[name] is not known:
+                arrived.append((name, found[name].parts[-1]))
         new = {name: known for name, known in found.items() if known is not before[name]}
         laid_out = {name: self._laid_out(known) for name, known in new.items()}
+        self.arrived += arrived
         self.accepted.update(new)
         self.laid_out.update(laid_out)
         added = sum(
@@ -93,6 +102,7 @@ class Judge:
         """Forget what was accepted."""
         self.accepted.clear()
         self.laid_out.clear()
+        self.arrived.clear()
 
     def _known(self, name: tuple[str, str]) -> Known | None:
         if name in self.accepted:

@@ -7,9 +7,12 @@ from pathlib import Path
 from possmap.app.render import Look, evidence_window, scene_of
 from possmap.files.gridfile.grid import Grid
 from possmap.pictures import compose, raster, terminal
+from possmap.pictures.terminal import Depth
+
+__all__ = ["Depth", "preview"]
 
 
-def preview(path: Path, look: Look, columns: int, lines: int, colour: bool) -> str:
+def preview(path: Path, look: Look, columns: int, lines: int, colours: Depth) -> str:
     """Return a picture of a grid as text for a terminal of so many columns and lines.
 
     Raises
@@ -24,6 +27,6 @@ def preview(path: Path, look: Look, columns: int, lines: int, colour: bool) -> s
         factor = max(cells_wide / columns, rows_high / (2 * lines), 1.0)
         chosen = raster.plan(window, 1, max(1, int(max(window.shape) / factor)))
         index, _ = compose.indices(scene_of(grid, look, chosen), name, chosen)
-    if colour:
-        return terminal.in_colour(index, compose.colours(name, look.palette))
+    if colours != "none":
+        return terminal.in_colour(index, compose.colours(name, look.palette), colours)
     return terminal.in_letters(index, compose.letters(name))

@@ -192,12 +192,13 @@ def overlays_of(
                 points.append(((at.x, at.y), 1 - worst))
         last = None
         for entry, number, at in grid.ledger.places("pose"):
+            tracks.setdefault(entry.robot, [])  # a colour of its own, whether it has come or not
             if not counts(entry, number):
                 continue
             if entry != last:
                 if x0 <= at.x <= x1 and y0 <= at.y <= y1:
                     homes.setdefault((round(at.x), round(at.y)), (at.x, at.y))
-                tracks.setdefault(entry.robot, []).append([])
+                tracks[entry.robot].append([])
                 last = entry
             tracks[entry.robot][-1].append((at.x, at.y))
     truth = read_truth(look.truth, Limits()).walls if look.truth else ()

@@ -55,13 +55,15 @@ def _palette(ctx: click.Context, _: click.Parameter, name: str) -> str:
 @click.option(
     "--layer",
     metavar="NAME",
-    callback=lambda ctx, param, name: name and _layer(name),
+    callback=lambda ctx, param, name: None if name is None else _layer(name),
     help=f"One of {', '.join(LAYERS)}.  [default: map]",
 )
 @click.option(
     "--panels",
     metavar="A,B,...",
-    callback=lambda ctx, param, names: names and tuple(_layer(n) for n in names.split(",")),
+    callback=lambda ctx, param, names: (
+        None if names is None else tuple(_layer(name) for name in names.split(","))
+    ),
     help="Several layers side by side.",
 )
 @click.option(
@@ -91,9 +93,7 @@ def _palette(ctx: click.Context, _: click.Parameter, name: str) -> str:
     help="A film of how the map grew: .png (APNG), .gif or .webp.",
 )
 @click.option("--frames", type=click.IntRange(min=1), help="Frames of the film, at most.")
-@click.option(
-    "--frame-ms", type=click.IntRange(10, 60000), default=400, show_default=True, help="Of a frame."
-)
+@click.option("--frame-ms", type=click.IntRange(10, 60000), help="Time of a frame.  [default: 400]")
 @click.option("--show", is_flag=True, help="Print a preview in the terminal; -o is not needed.")
 @options.base_rate
 @options.overwrite
@@ -115,7 +115,7 @@ def render(
     title: str | None,
     animate: str | None,
     frames: int | None,
-    frame_ms: int,
+    frame_ms: int | None,
     show: bool,
     config: Path | None,
     base_rate: float | None,
@@ -137,6 +137,12 @@ def render(
         raise click.UsageError("Give -o OUT.png for a picture, or --show for a preview.")
     if layer and panels:
         raise click.UsageError("Give --layer or --panels, not both.")
+    if animate is None and (frames is not None or frame_ms is not None):
+        raise click.UsageError("--frames and --frame-ms belong to --animate.")
+    if animate is not None and output is None:
+        raise click.UsageError("--animate needs -o OUT.gif, OUT.webp or OUT.png.")
+    if bare and (tracks or truth or title is not None):
+        raise click.UsageError("--bare draws cells only: no --tracks, --truth or --title.")
     if panels and bare:
         raise click.UsageError("--bare draws one layer: give --layer, not --panels.")
     look = Look(
@@ -165,7 +171,7 @@ def render(
             look,
             "record" if animate == "record" else "excursion",
             frames=frames,
-            frame_ms=frame_ms,
+            frame_ms=frame_ms or 400,
             overwrite=overwrite,
             progress=bar,
         )
@@ -179,10 +185,12 @@ def render(
 
 
 def _show(grid: Path, look: Look) -> None:
-    from possmap.app.preview import preview
+    from possmap.app.preview import Depth, preview
 
     size = shutil.get_terminal_size((80, 24))
     is_terminal = sys.stdout.isatty()
-    colour = is_terminal and "NO_COLOR" not in os.environ and os.environ.get("TERM") != "dumb"
+    colour = is_terminal and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+    full = os.environ.get("COLORTERM") in ("truecolor", "24bit")
     lines = max(8, size.lines - 2)
-    click.echo(preview(grid, look, size.columns, lines, colour), color=colour or None)
+    depth: Depth = ("24 bits" if full else "256") if colour else "none"
+    click.echo(preview(grid, look, size.columns, lines, depth), color=colour or None)

@@ -75,48 +75,59 @@ def _unit(run: Stretch) -> tuple[float, float]:
     return (run.end.x - run.start.x) / distance, (run.end.y - run.start.y) / distance
 
 
+@dataclass(frozen=True, slots=True)
+class Believed:
+    """Where the correction has come to.
+
+    place : corrected [m].
+    correction_deg : METHOD's corr, what the logged heading lacks [deg].
+    """
+
+    place: tuple[float, float]
+    correction_deg: float = 0.0
+
+
 def correct(stretches: Iterable[Stretch], model: ErrorModel) -> list[CorrectedStretch]:
     """Lay each stretch after the other, corrected by the model's known errors.
 
     Known: ``turn_bias``, ``turn_gain``, ``drift``, ``scale``; *true minus logged*, left positive.
     """
     corrected: list[CorrectedStretch] = []
-    correction_deg = 0.0  # METHOD's corr
-    place: tuple[float, float] | None = None
+    now: Believed | None = None
     for logged in stretches:
-        if place is None:
-            place = (logged.start.x, logged.start.y)
-        if logged.is_followed:
-            correction_deg = 0.0
-        if logged.is_run:
-            # One arc bends by drift·d; its chord lies half of that to the side, and is shorter.
-            bend_deg = 0.0 if logged.is_followed else model.drift * logged.distance
-            half = math.radians(bend_deg / 2)
-            stretch = model.scale * (math.sin(half) / half if half else 1.0)
-            angle = math.radians(correction_deg) + half
-            cos, sin = math.cos(angle), math.sin(angle)
-            unit_x, unit_y = _unit(logged)
-            along = (unit_x * cos - unit_y * sin, unit_x * sin + unit_y * cos)
-            step = logged.distance * stretch
-            end = (place[0] + step * along[0], place[1] + step * along[1])
-            correction_deg += bend_deg
-        else:
-            angle = math.radians(correction_deg)
-            cos, sin = math.cos(angle), math.sin(angle)
-            stretch, along, step, end = 1.0, (1.0, 0.0), 0.0, place
-        turn_deg = logged.turn_deg
-        correction_deg += model.turn_gain * turn_deg + model.turn_bias * abs(turn_deg) / 45
-        corrected.append(
-            CorrectedStretch(
-                logged=logged,
-                start=place,
-                end=end,
-                length=abs(step),
-                along=along,
-                stretch=stretch,
-                rotation=(cos, sin),
-                heading_deg=logged.end.heading_deg + correction_deg,
-            )
-        )
-        place = end
+        now, stretch = advance(now or Believed((logged.start.x, logged.start.y)), logged, model)
+        corrected.append(stretch)
     return corrected
+
+
+def advance(now: Believed, logged: Stretch, model: ErrorModel) -> tuple[Believed, CorrectedStretch]:
+    """Lay one more stretch behind what was laid; a robot does this while it drives."""
+    correction_deg = 0.0 if logged.is_followed else now.correction_deg
+    if logged.is_run:
+        # One arc bends by drift·d; its chord lies half of that to the side, and is shorter.
+        bend_deg = 0.0 if logged.is_followed else model.drift * logged.distance
+        half = math.radians(bend_deg / 2)
+        stretch = model.scale * (math.sin(half) / half if half else 1.0)
+        angle = math.radians(correction_deg) + half
+        cos, sin = math.cos(angle), math.sin(angle)
+        unit_x, unit_y = _unit(logged)
+        along = (unit_x * cos - unit_y * sin, unit_x * sin + unit_y * cos)
+        step = logged.distance * stretch
+        end = (now.place[0] + step * along[0], now.place[1] + step * along[1])
+        correction_deg += bend_deg
+    else:
+        angle = math.radians(correction_deg)
+        cos, sin = math.cos(angle), math.sin(angle)
+        stretch, along, step, end = 1.0, (1.0, 0.0), 0.0, now.place
+    turn_deg = logged.turn_deg
+    correction_deg += model.turn_gain * turn_deg + model.turn_bias * abs(turn_deg) / 45
+    return Believed(end, correction_deg), CorrectedStretch(
+        logged=logged,
+        start=now.place,
+        end=end,
+        length=abs(step),
+        along=along,
+        stretch=stretch,
+        rotation=(cos, sin),
+        heading_deg=logged.end.heading_deg + correction_deg,
+    )

@@ -183,8 +183,9 @@ def necessity_of(weights: Weights) -> NDArray[np.float64]:
     """Return N = 1 - exp(-w / 2¹⁸) of integer weights (METHOD §3)."""
     # Most cells of a map hold no wall, and the exponential is what takes the time.
     necessity = np.zeros(weights.shape)
-    some = np.nonzero(weights)
-    necessity[some] = -np.expm1(weights[some] / -UNIT)
+    some = weights != 0
+    if some.any():
+        necessity[some] = -np.expm1(weights[some] / -UNIT)
     return necessity
 
 

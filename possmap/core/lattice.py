@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -84,6 +84,30 @@ def tile_window(key: TileKey) -> Window:
     """Return the cells of a tile."""
     row, column = key.row * TILE, key.column * TILE
     return Window(row, row + TILE, column, column + TILE)
+
+
+ABREAST = 16
+"""Tiles side by side that are looked at together."""
+
+
+def joined(keys: Iterable[TileKey], window: Window) -> Iterator[Window]:
+    """Yield the cells of tiles within a window, neighbours in a row together.
+
+    keys : sorted, by row and then by column.
+    """
+    run: list[TileKey] = []
+    for key in keys:
+        follows = run and key == (run[-1].row, run[-1].column + 1) and len(run) < ABREAST
+        if run and not follows:
+            yield _of_run(run, window)
+            run = []
+        run.append(key)
+    if run:
+        yield _of_run(run, window)
+
+
+def _of_run(run: list[TileKey], window: Window) -> Window:
+    return tile_window(run[0]).union(tile_window(run[-1])).intersection(window)
 
 
 def tiles_of(window: Window) -> Iterator[TileKey]:

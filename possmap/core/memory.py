@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
 from possmap.core.evidence import Findings, Layer
 from possmap.core.fusion import LayerArray, Plan, TileLayers, add_to_plan, blank, fuse_tile
-from possmap.core.lattice import TILE, TileKey, Window, tile_window, tiles_of
+from possmap.core.lattice import TILE, TileKey, Window, joined, tile_window, tiles_of
 from possmap.core.settings import EvidenceSettings
 
 
@@ -35,6 +37,11 @@ class TileMemory:
             layers = self._tiles.setdefault(key, {})
             layers.update(fuse_tile(key, jobs, layers, self._settings))
         return list(plan)
+
+    def areas(self, window: Window) -> Iterator[Window]:
+        """Yield the parts of a window that hold anything."""
+        keys = sorted(key for key in self._tiles if tile_window(key).intersection(window).cells)
+        return joined(keys, window)
 
     def read_window(self, layer: Layer, window: Window) -> LayerArray:
         """Return one layer of a window, shape (rows, columns); what is not known is 0."""

@@ -132,6 +132,17 @@ def after_turn(error: PoseError, turn_deg: float, model: ErrorModel) -> PoseErro
     )
 
 
+def after_stretch(before: PoseError, stretch: CorrectedStretch, model: ErrorModel) -> StretchErrors:
+    """Carry a pose's error along one stretch, and through the turn that ends it."""
+    at_end = before
+    if stretch.logged.is_followed:
+        at_end = after_following(before, stretch, model)
+    elif stretch.logged.is_run:
+        at_end = after_run(before, stretch, model)
+    after = after_turn(at_end, stretch.logged.turn_deg, model)
+    return StretchErrors(before.rectangle, at_end.rectangle, at_end.heading_half, after)
+
+
 def propagate(
     first: Pose, track: Iterable[CorrectedStretch], model: ErrorModel
 ) -> list[StretchErrors]:
@@ -139,12 +150,6 @@ def propagate(
     errors: list[StretchErrors] = []
     now = at_start(first)
     for stretch in track:
-        before = now
-        if stretch.logged.is_followed:
-            now = after_following(now, stretch, model)
-        elif stretch.logged.is_run:
-            now = after_run(now, stretch, model)
-        at_end = now
-        now = after_turn(now, stretch.logged.turn_deg, model)
-        errors.append(StretchErrors(before.rectangle, at_end.rectangle, at_end.heading_half, now))
+        errors.append(after_stretch(now, stretch, model))
+        now = errors[-1].after
     return errors

@@ -91,8 +91,17 @@ def bare(scene: Scene, name: str, chosen: Raster, palette: str) -> Image.Image:
     return palette_image(index, colours(name, palette), chosen.scale)
 
 
-def furnished(scene: Scene, names: Sequence[str], chosen: Raster, palette: str) -> Image.Image:
-    """Return layers side by side with title, axes, scale bar and keys."""
+def furnished(
+    scene: Scene,
+    names: Sequence[str],
+    chosen: Raster,
+    palette: str,
+    legend: Overlays | None = None,
+) -> Image.Image:
+    """Return layers side by side with title, axes, scale bar and keys.
+
+    legend : what the keys speak of; None: what is drawn. A film's frames share the last one's.
+    """
     panels: list[Panel] = []
     ends: dict[str, int] = {}
     for name in names:
@@ -105,11 +114,11 @@ def furnished(scene: Scene, names: Sequence[str], chosen: Raster, palette: str) 
     subtitle = scene.subtitle
     if chosen.shrink > 1:
         subtitle += f"; a pixel is {chosen.shrink} x {chosen.shrink} cells"
-    keys = _keys(scene, ends, palette)
+    keys = _keys(legend or scene.overlays, ends, palette)
     return framed(panels, keys, scene.title, subtitle, scene.resolution)
 
 
-def _keys(scene: Scene, ends: dict[str, int], palette: str) -> list[Key]:
+def _keys(shown: Overlays, ends: dict[str, int], palette: str) -> list[Key]:
     """Return one key for each scale in use, and the signs."""
     keys: list[Key] = []
     entries: list[Entry] = []
@@ -149,19 +158,18 @@ def _keys(scene: Scene, ends: dict[str, int], palette: str) -> list[Key]:
             Entry("box", unknown, "unknown"),
             Entry("box", palettes.CONTRADICTED, "contradicted: N above possibility"),
         ]
-        if scene.overlays.points:
+        if shown.points:
             entries.append(Entry("point", palettes.POINT, "corner or wall end"))
-        if scene.overlays.homes:
+        if shown.homes:
             entries.append(Entry("home", palettes.INK, "home, where robots set out"))
         entries += [
-            Entry("line", colour, f"track of {robot}")
-            for robot, colour in scene.overlays.robot_colours()
+            Entry("line", colour, f"track of {robot}") for robot, colour in shown.robot_colours()
         ]
     if values or COVERAGE in ends:
         label = "unknown" if MAP not in ends or palette == "gray" else "unknown (views)"
         if not (MAP in ends and palettes.unknown(palette) == palettes.UNKNOWN):
             entries.append(Entry("box", palettes.unknown(palette), label))
-    if scene.overlays.truth:
+    if shown.truth:
         entries.append(Entry("line", palettes.TRUTH, "true wall"))
     if entries:
         keys.append(Group(entries))
@@ -183,7 +191,8 @@ def furnished_raster(
     panels : how many share the picture.
     """
     share = min(panels, 3)
-    longest, largest = LONGEST // share, max_size or LARGEST // share
+    longest = LONGEST // share
+    largest = max_size or (LARGEST // share if scale is None else None)
     if exact:
         return raster.plan(evidence, scale, largest, longest)
     margin = max(2, max(evidence.shape) // 40)
@@ -192,8 +201,9 @@ def furnished_raster(
     chosen = raster.plan(window, 24 if small else scale, largest, longest)
     width, height = chosen.size
     cells = chosen.shrink / chosen.scale
-    more_columns = max(0, round((_LEAST[0] - width) * cells / 2 + 0.5))
-    more_rows = max(0, round((_LEAST[1] - height) * cells / 2 + 0.5))
+    least = [side if max_size is None else min(side, max_size - 3) for side in _LEAST]
+    more_columns = max(0, round((least[0] - width) * cells / 2 + 0.5))
+    more_rows = max(0, round((least[1] - height) * cells / 2 + 0.5))
     if not (more_columns or more_rows):
         return chosen
     window = _grown(window, more_rows, more_columns)

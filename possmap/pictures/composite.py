@@ -11,11 +11,12 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from possmap.core.fusion import Weights, necessity_of, possibility_of
+from possmap.core.evidence import Layer
+from possmap.core.fusion import necessity_of, possibility_of
 from possmap.pictures import palettes
-from possmap.pictures.layers import Cells, Indices, Part
+from possmap.pictures.layers import Cells, Indices
 from possmap.pictures.palettes import Table
-from possmap.pictures.raster import Raster, reduced
+from possmap.pictures.raster import Blocks, Raster
 
 UNKNOWN = 0
 CONTRADICTED = 1
@@ -26,40 +27,40 @@ _POINT, _POINT_LEVELS = 237, 19
 
 
 def drawn(cells: Cells, raster: Raster) -> Indices:
-    """Return the palette indices of the map, the first row the highest y."""
-    found = np.zeros(raster.blocks, dtype=np.uint8)
-    lookup = _lookup()
-    for window, where in raster.parts():
-        part = Part(cells, window)
-        if not part.known.any():
-            continue
+    """Return the palette indices of the map, the first row the highest y.
+
+    A block has its cells' largest N and smallest Π, and is contradicted if one of them is.
+    """
+    n, denied, point, crossed = (np.zeros(raster.blocks, dtype=np.uint8) for _ in range(4))
+    for window in cells.areas(raster.window):
+        blocks = raster.blocks_of(window)
+
+        def raise_to(whole: Indices, values: Indices, blocks: Blocks = blocks) -> None:
+            target = whole[blocks.where]
+            np.maximum(target, values, out=target)
+
+        weights = cells.read_window(Layer.WALLS, window).astype(np.int64, copy=False)
+        denials = cells.read_window(Layer.FREE, window).astype(np.uint16, copy=False)
+        points = cells.read_window(Layer.POINTS, window).astype(np.int64, copy=False)
+        both = (weights != 0) & (denials != 0)
+        contradicted = np.zeros(window.shape, dtype=np.uint8)
+        contradicted[both] = necessity_of(weights[both]) > possibility_of(denials[both])
+        raise_to(crossed, blocks.largest(contradicted))
         # Blocks are formed of the stored integers: there are fewer of them to turn into N and Π.
-        weights, denials = part.weights, part.denials
-        both = np.nonzero((weights != 0) & (denials != 0))
-        crossed = np.zeros(window.shape, dtype=np.bool_)
-        crossed[both] = necessity_of(weights[both]) > possibility_of(denials[both])
-        contradicted = reduced(crossed, raster.shrink, "max")
-        n = _eighth(_necessity(weights, raster))
-        strongest = reduced(denials, raster.shrink, "max").astype(np.uint16, copy=False)
-        denied = _eighth(1 - possibility_of(strongest))
-        point = _eighth(_necessity(part.point_weights, raster))
-        index = lookup[denied, n]
-        is_point = point > np.maximum(n, denied)
-        level = point[is_point].astype(np.int64)  # 8 bits would overflow
-        index[is_point] = _POINT + level * (_POINT_LEVELS - 1) // 255
-        index[contradicted.astype(np.bool_)] = CONTRADICTED
-        found[where] = index
-    return found[::-1]
+        raise_to(n, _eight_bits(necessity_of(blocks.largest(weights))))
+        raise_to(denied, _eight_bits(1 - possibility_of(blocks.largest(denials))))
+        raise_to(point, _eight_bits(necessity_of(blocks.largest(points))))
+    index = _lookup()[denied, n]
+    is_point = point > np.maximum(n, denied)
+    level = point[is_point].astype(np.int64)  # 8 bits would overflow
+    index[is_point] = _POINT + level * (_POINT_LEVELS - 1) // 255
+    index[crossed != 0] = CONTRADICTED
+    return index[::-1]
 
 
-def _necessity(weights: Weights, raster: Raster) -> NDArray[np.float64]:
-    """Return the largest N of each block."""
-    return necessity_of(reduced(weights, raster.shrink, "max").astype(np.int64, copy=False))
-
-
-def _eighth(value: NDArray[np.generic]) -> NDArray[np.uint8]:
+def _eight_bits(value: NDArray[np.float64]) -> Indices:
     """Return 8-bit levels of values in [0, 1]; what is not 0 stays visible."""
-    return np.ceil(255 * value.astype(np.float64)).astype(np.uint8)
+    return np.ceil(255 * value).astype(np.uint8)
 
 
 @cache

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from possmap.core.evidence import Findings
-from possmap.core.lattice import TILE, TileKey, tile_window, tiles_of
-from possmap.core.memory import TileMemory, paste
+from possmap.core.lattice import TILE, TileKey, tile_window
+from possmap.core.memory import TileMemory
 from possmap.core.settings import EvidenceSettings
-from possmap.pictures.raster import Raster, reduced
+from possmap.pictures.raster import Raster
 
 Counts = NDArray[np.int64]
 
@@ -30,10 +30,10 @@ def counted(excursions: Iterable[Findings], settings: EvidenceSettings, raster: 
                 count = tiles.setdefault(key, np.zeros((TILE, TILE), dtype=np.uint32))
                 count += alone.touched(key)
     whole = np.zeros(raster.blocks, dtype=np.int64)
-    for part, where in raster.parts():
-        cells = np.zeros(part.shape, dtype=np.int64)
-        for key in tiles_of(part):
-            if key in tiles:
-                paste(tiles[key], key, cells, part)
-        whole[where] = reduced(cells, raster.shrink, "max")
+    for key, count in tiles.items():
+        tile = tile_window(key)
+        part = tile.intersection(raster.window)
+        blocks = raster.blocks_of(part)
+        target = whole[blocks.where]
+        np.maximum(target, blocks.largest(count[part.slices_in(tile)]), out=target)
     return whole[::-1]

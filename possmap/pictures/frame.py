@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,13 +11,16 @@ from PIL import Image, ImageDraw
 from possmap.pictures import palettes, ticks
 from possmap.pictures.keys import Key
 from possmap.pictures.raster import Raster
-from possmap.pictures.text import LARGE, LINE, NORMAL, SMALL, width, write
+from possmap.pictures.text import LARGE, LINE, NORMAL, SMALL, fitted, width, write
 
 PAD = 18
 _TICK = 5
 _GAP = 22
 _IN_A_ROW = 3
 """Panels, at most."""
+_LEAST = 460
+"""Room for a title [pixels]."""
+_AXES = "axes in metres"
 _WIDE = 2.2
 """A map so many times as wide as high has its keys below it."""
 
@@ -53,7 +57,9 @@ def framed(
     heading = LINE + 4 if any(panel.title for panel in panels) else 0
     top = PAD + LARGE + 8 + LINE + 6
     row_height = heading + map_height + _TICK + LINE + 8
-    maps_width = columns * map_width + (columns - 1) * _GAP
+    bar, bar_label = _scale(raster, resolution)
+    bar_width = math.ceil(bar) + 8 + width(bar_label, SMALL)
+    maps_width = max(columns * map_width + (columns - 1) * _GAP, bar_width)
     maps_height = rows * row_height + LINE
     if maps_width > _WIDE * maps_height:
         key_places, key_size = _in_rows(keys, max(maps_width, 420))
@@ -65,19 +71,21 @@ def framed(
         content = maps_width + 24 + key_size[0]
         total_height = top + max(maps_height, heading + key_size[1]) + PAD
         key_x, key_y = PAD + axis + maps_width + 24, top + heading
-    content = max(content, width(title, LARGE), width(subtitle, NORMAL))
+    content = max(content, _LEAST)
     sheet = Image.new("RGB", (PAD + axis + content + PAD, total_height), palettes.PAPER)
     draw = ImageDraw.Draw(sheet)
     left = PAD + axis
-    write(draw, (left, PAD), title, LARGE, palettes.INK)
-    write(draw, (left, PAD + LARGE + 8), subtitle, NORMAL, palettes.FAINT)
+    write(draw, (left, PAD), fitted(title, LARGE, content), LARGE, palettes.INK)
+    below = (left, PAD + LARGE + 8)
+    write(draw, below, fitted(subtitle, NORMAL, content), NORMAL, palettes.FAINT)
     for number, panel in enumerate(panels):
         row, column = divmod(number, columns)
         x, y = left + column * (map_width + _GAP), top + row * row_height + heading
         _panel(sheet, panel, x, y, resolution, with_labels=column == 0)
     foot = top + rows * row_height + LINE // 2
-    write(draw, (left, foot), "axes in metres", SMALL, palettes.FAINT, "lm")
-    _scale_bar(draw, left + maps_width, foot, raster, resolution)
+    if width(_AXES, SMALL) + 16 + bar_width <= maps_width:
+        write(draw, (left, foot), _AXES, SMALL, palettes.FAINT, "lm")
+    _scale_bar(draw, left + maps_width, foot, bar, bar_label)
     for key, (dx, dy) in zip(keys, key_places, strict=True):
         key.draw(sheet, key_x + dx, key_y + dy)
     return sheet
@@ -130,18 +138,22 @@ def _labels(raster: Raster, resolution: float, vertical: bool) -> tuple[float, l
     return step, ticks.multiples(step, low_m, high_m)
 
 
-def _scale_bar(
-    draw: ImageDraw.ImageDraw, right: float, y: float, raster: Raster, resolution: float
-) -> None:
-    """Draw a bar of round metres that ends at ``right``, its label to the left of it."""
+def _scale(raster: Raster, resolution: float) -> tuple[float, str]:
+    """Return the length of a bar of round metres [pixels], and its label."""
     per_metre = raster.pixels_per_metre(resolution)
     length = ticks.round_length(max(60.0, raster.size[0] / 4) / per_metre)
-    left = right - length * per_metre
+    return length * per_metre, f"{length:g} m" if length < 1e4 else f"{length / 1000:g} km"
+
+
+def _scale_bar(
+    draw: ImageDraw.ImageDraw, right: float, y: float, length: float, label: str
+) -> None:
+    """Draw a bar that ends at ``right``, its label to the left of it."""
+    left = right - length
     draw.line((left, y, right, y), palettes.INK, 2)
     for end in (left, right):
         draw.line((end, y - 4, end, y + 4), palettes.INK, 2)
-    text = f"{length:g} m" if length < 1e4 else f"{length / 1000:g} km"
-    write(draw, (left - 8, y), text, SMALL, palettes.INK, "rm")
+    write(draw, (left - 8, y), label, SMALL, palettes.INK, "rm")
 
 
 def _in_column(keys: Sequence[Key]) -> tuple[list[tuple[int, int]], tuple[int, int]]:

@@ -59,7 +59,8 @@ class ColourBar:
         draw.rectangle((x, y + LINE, x + WIDTH - 1, y + LINE + _BAR - 1), outline=palettes.FAINT)
         below = y + LINE + _BAR + 3
         left, right = (
-            f"{end} {word}".strip() for end, word in zip(self.ends, self.words, strict=True)
+            f"{end}: {word}" if word else end
+            for end, word in zip(self.ends, self.words, strict=True)
         )
         write(draw, (x, below), left, SMALL, palettes.INK)
         write(draw, (x + WIDTH, below), right, SMALL, palettes.INK, "ra")
@@ -87,7 +88,9 @@ class Entry:
         elif self.sign == "line":
             draw.line((x, middle, x + 17, middle), self.colour, 2)
         elif self.sign == "home":
-            write(draw, (x + 9, middle), "I", 16, self.colour, "mm")
+            circle = (x + 1, middle - 8, x + 17, middle + 8)
+            draw.ellipse(circle, palettes.PAPER, palettes.INK)
+            write(draw, (x + 9, middle), "I", SMALL, self.colour, "mm")
         else:
             diamond(draw, x + 9, middle, 5, self.colour)
         write(draw, (x + _SIGN, middle), self.text, NORMAL, palettes.INK, "lm")

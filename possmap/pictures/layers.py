@@ -1,10 +1,9 @@
-"""The layers that a picture can show: each a value in every cell, and a rule for shrinking it."""
+"""The layers that a picture can show, each shrunk so that what matters survives."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from types import MappingProxyType
 from typing import Protocol, TypeAlias
 
@@ -13,11 +12,10 @@ from numpy.typing import NDArray
 
 from possmap.core import views
 from possmap.core.evidence import Layer
-from possmap.core.fusion import LayerArray, Weights, necessity_of, possibility_of
+from possmap.core.fusion import LayerArray, necessity_of, possibility_of
 from possmap.core.lattice import Window
-from possmap.core.pyramid import Values
 from possmap.core.views import CellArray
-from possmap.pictures.raster import Raster, Reduction, reduced
+from possmap.pictures.raster import Raster
 
 Indices: TypeAlias = NDArray[np.uint8]
 """One palette index per block, shape (rows, columns), the first row the highest y."""
@@ -30,54 +28,11 @@ UNKNOWN_INDEX = 255
 class Cells(Protocol):
     """Where the numbers of a grid come from: a file, or a film's memory."""
 
+    def areas(self, window: Window) -> Iterator[Window]:
+        """Yield windows, small enough for memory, that together hold all that is known."""
+
     def read_window(self, layer: Layer, window: Window) -> LayerArray:
         """Return one layer of a window; what is not known is 0."""
-
-
-class Part:
-    """The numbers of some cells, each read once, when first asked for; shape (rows, columns)."""
-
-    def __init__(self, cells: Cells, window: Window) -> None:
-        self.window = window
-        self._cells = cells
-
-    @cached_property
-    def weights(self) -> Weights:
-        """Weights of walls."""
-        return self._cells.read_window(Layer.WALLS, self.window).astype(np.int64, copy=False)
-
-    @cached_property
-    def denials(self) -> Values:
-        """Denials of walls."""
-        return self._cells.read_window(Layer.FREE, self.window).astype(np.uint16, copy=False)
-
-    @cached_property
-    def point_weights(self) -> Weights:
-        """Weights of singular points."""
-        return self._cells.read_window(Layer.POINTS, self.window).astype(np.int64, copy=False)
-
-    @cached_property
-    def necessity(self) -> CellArray:
-        """N."""
-        return necessity_of(self.weights)
-
-    @cached_property
-    def possibility(self) -> CellArray:
-        """Π."""
-        return possibility_of(self.denials)
-
-    @cached_property
-    def points(self) -> CellArray:
-        """The necessity of a singular point."""
-        return necessity_of(self.point_weights)
-
-    @cached_property
-    def known(self) -> NDArray[np.bool_]:
-        """The cells of which anything is known."""
-        found: NDArray[np.bool_] = (
-            (self.weights != 0) | (self.denials != 0) | (self.point_weights != 0)
-        )
-        return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,14 +40,14 @@ class PictureLayer:
     """A value to draw.
 
     title : for people.
-    value : of the cells of a part, given the base rate.
-    by : how a block of cells becomes one value, so that what matters survives.
+    value : of known cells, given their N, Π and N of singular points, and the base rate.
+    by_largest : whether a block of cells shows its largest value, or its smallest.
     low, high : what the ends of the scale mean.
     """
 
     title: str
-    value: Callable[[Part, float], CellArray]
-    by: Reduction
+    value: Callable[[CellArray, CellArray, CellArray, float], CellArray]
+    by_largest: bool
     low: str
     high: str
 
@@ -100,34 +55,34 @@ class PictureLayer:
 LAYERS: Mapping[str, PictureLayer] = MappingProxyType(
     {
         "necessity": PictureLayer(
-            "necessity N of a wall", lambda part, _: part.necessity, "max", "no sign", "certain"
+            "necessity of a wall (N)", lambda n, p, points, base: n, True, "no sign", "certain"
         ),
         "possibility": PictureLayer(
-            "possibility of a wall", lambda part, _: part.possibility, "min", "free", "possible"
+            "possibility of a wall", lambda n, p, points, base: p, False, "free", "possible"
         ),
         "ignorance": PictureLayer(
             "ignorance: possibility - N",
-            lambda part, _: views.ignorance(part.necessity, part.possibility),
-            "min",
+            lambda n, p, points, base: views.ignorance(n, p),
+            False,
             "settled",
             "unknown",
         ),
         "conflict": PictureLayer(
-            "conflict K",
-            lambda part, _: views.conflict(part.necessity, part.possibility),
-            "max",
-            "none",
-            "total",
+            "conflict K", lambda n, p, points, base: views.conflict(n, p), True, "none", "total"
         ),
         "probability": PictureLayer(
             "probability of a wall",
-            lambda part, base: views.probability(part.necessity, part.possibility, base),
-            "max",
+            lambda n, p, points, base: views.probability(n, p, base),
+            True,
             "free",
             "wall",
         ),
         "points": PictureLayer(
-            "necessity of a singular point", lambda part, _: part.points, "max", "none", "certain"
+            "necessity of a singular point",
+            lambda n, p, points, base: points,
+            True,
+            "none",
+            "certain",
         ),
     }
 )
@@ -136,35 +91,54 @@ LAYERS: Mapping[str, PictureLayer] = MappingProxyType(
 
 def drawn(layer: PictureLayer, cells: Cells, raster: Raster, base_rate: float) -> Indices:
     """Return a layer's palette indices: 0 … 254 for values 0 … 1, 255 where nothing is known."""
-    found = np.full(raster.blocks, UNKNOWN_INDEX, dtype=np.uint8)
-    for value, known, where in _parts(layer, cells, raster, base_rate):
-        index = np.rint((LEVELS - 1) * value).astype(np.uint8)
-        found[where] = np.where(known, index, UNKNOWN_INDEX)
-    return found[::-1]
+    rank = _ranks(layer, cells, raster, base_rate, LEVELS)
+    found: Indices = _level_of_rank(layer, LEVELS, UNKNOWN_INDEX)[rank[::-1]]
+    return found
 
 
 def drawn_gray(layer: PictureLayer, cells: Cells, raster: Raster, base_rate: float) -> Indices:
     """Return a layer as round(255·v), without a tone for what is unknown: numbers to read back."""
-    found = np.zeros(raster.blocks, dtype=np.uint8)
-    for part, where in raster.parts():
-        value = layer.value(Part(cells, part), base_rate)
-        found[where] = np.rint(255 * reduced(value, raster.shrink, layer.by).astype(np.float64))
-    return found[::-1]
+    rank = _ranks(layer, cells, raster, base_rate, 256)
+    nothing, open_ = np.zeros(1), np.ones(1)
+    unknown = int(np.rint(255 * layer.value(nothing, open_, nothing, base_rate))[0])
+    found: Indices = _level_of_rank(layer, 256, unknown)[rank[::-1]]
+    return found
 
 
-def _parts(
-    layer: PictureLayer, cells: Cells, raster: Raster, base_rate: float
-) -> Iterator[tuple[CellArray, NDArray[np.bool_], tuple[slice, slice]]]:
-    """Yield value, known and place of each part that holds anything."""
-    for window, where in raster.parts():
-        part = Part(cells, window)
-        known = part.known
-        if not known.any():
-            continue
-        value = layer.value(part, base_rate)
-        if raster.shrink > 1:
-            # What is unknown must not hide what is known beside it.
-            value = np.where(known, value, -np.inf if layer.by == "max" else np.inf)
-        blocks = reduced(value, raster.shrink, layer.by).astype(np.float64)
-        is_known = reduced(known, raster.shrink, "max").astype(np.bool_)
-        yield np.where(is_known, blocks, 0.0), is_known, where
+def _level_of_rank(layer: PictureLayer, levels: int, unknown: int) -> Indices:
+    """Return the level that each rank stands for; the first rank is what is unknown."""
+    level = np.arange(levels, dtype=np.uint8)
+    table: Indices = np.concatenate(
+        [np.array([unknown], dtype=np.uint8), level if layer.by_largest else level[::-1]]
+    )
+    return table
+
+
+def _ranks(
+    layer: PictureLayer, cells: Cells, raster: Raster, base_rate: float, levels: int
+) -> NDArray[np.unsignedinteger]:
+    """Return what a block shows as a number that only grows the more it matters.
+
+    0 is unknown; then come ``levels`` values, upwards or, where the smallest counts, downwards. So
+    a block's rank is the largest of its cells', and what is unknown hides nothing.
+    """
+    dtype = np.uint8 if levels < 256 else np.uint16
+    found: NDArray[np.unsignedinteger] = np.zeros(raster.blocks, dtype=dtype)
+    for window in cells.areas(raster.window):
+        weights = cells.read_window(Layer.WALLS, window).astype(np.int64, copy=False)
+        denials = cells.read_window(Layer.FREE, window).astype(np.uint16, copy=False)
+        points = cells.read_window(Layer.POINTS, window).astype(np.int64, copy=False)
+        known = (weights != 0) | (denials != 0) | (points != 0)
+        value = layer.value(
+            necessity_of(weights[known]),
+            possibility_of(denials[known]),
+            necessity_of(points[known]),
+            base_rate,
+        )
+        level = np.rint((levels - 1) * value).astype(np.int16)
+        rank = np.zeros(window.shape, dtype=dtype)
+        rank[known] = level + 1 if layer.by_largest else levels - level
+        blocks = raster.blocks_of(window)
+        target = found[blocks.where]
+        np.maximum(target, blocks.largest(rank), out=target)
+    return found

@@ -37,8 +37,7 @@ class Overlays:
 
     def robot_colours(self) -> list[tuple[str, palettes.Colour]]:
         """Return the colour of each robot's track."""
-        colours = palettes.ROBOTS
-        return [(robot, colours[k % len(colours)]) for k, (robot, _) in enumerate(self.tracks)]
+        return [(robot, palettes.robot(k)) for k, (robot, _) in enumerate(self.tracks)]
 
 
 def paint(image: Image.Image, overlays: Overlays, raster: Raster, resolution: float) -> None:
@@ -60,18 +59,21 @@ def paint(image: Image.Image, overlays: Overlays, raster: Raster, resolution: fl
     for (_, excursions), colour in zip(overlays.tracks, colours, strict=True):
         for places in excursions:
             if len(places) > 1:
+                casing = (*palettes.PAPER, 150)
+                draw.line([at(place) for place in places], casing, round(3 * fine), "curve")
                 draw.line(
                     [at(place) for place in places], (*colour, 235), round(1.6 * fine), "curve"
                 )
+    largest = min(4.5, max(1.5, 0.12 * raster.pixels_per_metre(resolution)))
     for place, certainty in sorted(overlays.points, key=lambda point: point[1]):
         alpha = round(60 + 195 * certainty)
-        size = (2.0 + 2.5 * certainty) * fine
+        size = (0.45 + 0.55 * certainty) * largest * fine
         diamond(draw, *at(place), size, (*palettes.POINT, alpha), (*palettes.PAPER, alpha))
     radius = min(9.0, max(5.0, max(width, height) / 70)) * fine
     for place in overlays.homes:
         x, y = at(place)
         circle = (x - radius, y - radius, x + radius, y + radius)
-        draw.ellipse(circle, (*palettes.PAPER, 225), (*palettes.INK, 255), fine)
+        draw.ellipse(circle, (*palettes.PAPER, 190), (*palettes.INK, 255), fine)
         draw.text((x, y), "I", (*palettes.INK, 255), font(round(1.5 * radius)), "mm")
     if fine > 1:
         sheet = sheet.resize((width, height), Image.Resampling.BOX)

@@ -26,10 +26,25 @@ CONTRADICTED: Colour = (255, 222, 0)
 POINT: Colour = (0, 135, 110)
 TRUTH: Colour = (20, 20, 20)
 
-ROBOTS: tuple[Colour, ...] = (
+_ROBOTS: tuple[Colour, ...] = (
     (208, 30, 130), (98, 50, 180), (0, 150, 170), (120, 130, 0), (240, 120, 190), (90, 90, 94),
 )  # fmt: skip
-"""Tracks; after the last they begin again."""
+
+
+def robot(number: int) -> Colour:
+    """Return the colour of a robot's track: six, then six paler, six darker ones, and again."""
+    colour = _ROBOTS[number % len(_ROBOTS)]
+    shade = number // len(_ROBOTS) % 3
+    if shade == 1:
+        return mixed(colour, PAPER, 0.45)
+    return mixed(colour, (0, 0, 0), 0.45) if shade == 2 else colour
+
+
+def mixed(one: Colour, other: Colour, share: float) -> Colour:
+    """Return a colour with a share of another."""
+    red, green, blue = (round(a + share * (b - a)) for a, b in zip(one, other, strict=True))
+    return red, green, blue
+
 
 FREE_STOPS: tuple[Colour, ...] = ((219, 227, 234), (126, 170, 208), (42, 102, 160), (12, 48, 96))
 """A path: the darker, the smaller Π."""
@@ -37,13 +52,6 @@ WALL_STOPS: tuple[Colour, ...] = ((250, 226, 200), (240, 160, 90), (196, 80, 24)
 """A wall: the lighter, the smaller N."""
 PAPER_FREE_STOPS: tuple[Colour, ...] = ((215, 215, 215), (90, 90, 90), (30, 30, 30))
 PAPER_WALL_STOPS: tuple[Colour, ...] = ((250, 250, 250), (128, 128, 128))
-
-NAMES = ("viridis", "magma", "gray")
-DESCRIPTIONS = {
-    "viridis": "purple to yellow; for the map: blue paths, brown walls (the default)",
-    "magma": "black to cream; the map as with viridis",
-    "gray": "black to white; the map in the greys of the paper's Figure 8",
-}
 
 
 @cache

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from possmap.core.lattice import TILE, Window
+from possmap.core.lattice import Window
 from possmap.errors import OutputError
 
 MOST_PIXELS = 100_000_000
 """A picture larger than this is refused."""
 
-_COLUMNS_AT_ONCE = 4096
-
-Reduction: TypeAlias = Literal["max", "min"]
+N = TypeVar("N", bound=np.generic)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,29 +52,44 @@ class Raster:
         x0, y1 = self.window.column0 * resolution, self.window.row1 * resolution
         return (x - x0) * per_metre, (y1 - y) * per_metre
 
-    def parts(self) -> Iterator[tuple[Window, tuple[slice, slice]]]:
-        """Cut the window into parts of whole blocks that fit into memory, each with its index.
+    def blocks_of(self, part: Window) -> Blocks:
+        """Return which blocks some cells of the window belong to."""
+        rows, row_starts = _cut(part.row0, part.row1, self.window.row0, self.shrink)
+        columns, column_starts = _cut(part.column0, part.column1, self.window.column0, self.shrink)
+        return Blocks((rows, columns), row_starts, column_starts, self.shrink)
 
-        The index is for an array of blocks whose first row is the lowest y.
+
+@dataclass(frozen=True, slots=True)
+class Blocks:
+    """Some cells' blocks; blocks at the edge may go on in other cells.
+
+    where : index in an array of all blocks, whose first row is the lowest y.
+    """
+
+    where: tuple[slice, slice]
+    row_starts: NDArray[np.intp]
+    column_starts: NDArray[np.intp]
+    shrink: int
+
+    def largest(self, cells: NDArray[N]) -> NDArray[N]:
+        """Return each block's largest value: never a mean, which would thin walls away.
+
+        cells : shape (rows, columns), as the part.
         """
-        step = self.shrink
-        rows = max(1, TILE // step) * step
-        columns = max(1, _COLUMNS_AT_ONCE // step) * step
-        w = self.window
-        for row in range(w.row0, w.row1, rows):
-            for column in range(w.column0, w.column1, columns):
-                part = Window(
-                    row, min(row + rows, w.row1), column, min(column + columns, w.column1)
-                )
-                yield (
-                    part,
-                    (
-                        slice((part.row0 - w.row0) // step, (part.row1 - w.row0) // step),
-                        slice(
-                            (part.column0 - w.column0) // step, (part.column1 - w.column0) // step
-                        ),
-                    ),
-                )
+        if self.shrink == 1:
+            return cells
+        # One axis after the other, the first along memory.
+        found: NDArray[N] = np.maximum.reduceat(
+            np.maximum.reduceat(cells, self.row_starts, axis=0), self.column_starts, axis=1
+        )
+        return found
+
+
+def _cut(first: int, end: int, origin: int, step: int) -> tuple[slice, NDArray[np.intp]]:
+    """Return the blocks of cells first … end - 1 along an axis, and where each begins in them."""
+    low, high = (first - origin) // step, -(-(end - origin) // step)
+    starts = np.maximum(np.arange(low, high) * step + origin - first, 0)
+    return slice(low, high), starts
 
 
 def plan(
@@ -124,23 +136,7 @@ def plan(
     width, height = raster.size
     if width * height > MOST_PIXELS:
         raise OutputError(
-            f"a picture of {width} × {height} pixels, expected at most {MOST_PIXELS:.0e}; "
+            f"a picture of {width} × {height} pixels, expected at most 10⁸; "
             "--max-size PIXELS shrinks it, --window X0,Y0,X1,Y1 takes a part"
         )
     return raster
-
-
-def reduced(cells: NDArray[np.generic], shrink: int, by: Reduction) -> NDArray[np.generic]:
-    """Return a block's largest or smallest value, never a mean, which would thin walls away.
-
-    cells : shape (rows, columns), whole blocks.
-    """
-    if shrink == 1:
-        return cells
-    rows, columns = cells.shape
-    blocks = cells.reshape(rows // shrink, shrink, columns // shrink, shrink)
-    # One axis after the other: both at once takes eight times as long.
-    found: NDArray[np.generic] = (
-        blocks.max(axis=1).max(axis=2) if by == "max" else blocks.min(axis=1).min(axis=2)
-    )
-    return found

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Literal, TypeAlias
+
 import numpy as np
+from numpy.typing import NDArray
 
 from possmap.pictures.layers import Indices
 from possmap.pictures.palettes import Table
@@ -10,18 +13,31 @@ from possmap.pictures.palettes import Table
 _RESET = "\x1b[0m"
 
 
-def in_colour(index: Indices, table: Table) -> str:
-    """Return half-block characters in 24-bit colour; rows are taken two at a time."""
+Depth: TypeAlias = Literal["none", "256", "24 bits"]
+"""What colours a terminal has."""
+
+
+def _code(colour: NDArray[np.uint8], depth: Depth, ground: bool) -> str:
+    """Return the escape code of a colour, for the character or the ground behind it."""
+    layer = 48 if ground else 38
+    red, green, blue = (int(channel) for channel in colour)
+    if depth == "24 bits":
+        return f"\x1b[{layer};2;{red};{green};{blue}m"
+    # The nearest of the 6 × 6 × 6 colours that every terminal of 256 has.
+    six = (round(channel / 255 * 5) for channel in (red, green, blue))
+    return f"\x1b[{layer};5;{16 + sum(c * w for c, w in zip(six, (36, 6, 1), strict=True))}m"
+
+
+def in_colour(index: Indices, table: Table, depth: Depth = "24 bits") -> str:
+    """Return half-block characters in colour; rows are taken two at a time."""
     lines: list[str] = []
     rows, columns = index.shape
     for top in range(0, rows, 2):
         line, last = "", ""
         for column in range(columns):
-            upper = table[index[top, column]]
-            code = f"\x1b[38;2;{upper[0]};{upper[1]};{upper[2]}m"
+            code = _code(table[index[top, column]], depth, ground=False)
             if top + 1 < rows:
-                lower = table[index[top + 1, column]]
-                code += f"\x1b[48;2;{lower[0]};{lower[1]};{lower[2]}m"
+                code += _code(table[index[top + 1, column]], depth, ground=True)
             line += (code if code != last else "") + "▀"
             last = code
         lines.append(line + _RESET)

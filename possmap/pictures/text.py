@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from unicodedata import combining, normalize
 
 from PIL import ImageDraw, ImageFont
 
@@ -20,8 +21,28 @@ def font(size: int) -> ImageFont.FreeTypeFont:
 
 
 def showable(text: str) -> str:
-    """Return text with what the font lacks, everything beyond ASCII, as a question mark."""
-    return text.encode("ascii", "replace").decode()
+    """Return text in one line, and with a question mark for what the font lacks: all but ASCII.
+
+    Letters with accents lose them.
+    """
+    plain = (ch for ch in normalize("NFKD", text) if not combining(ch))
+    line = "".join(ch if ch.isprintable() else " " for ch in plain)
+    return line.encode("ascii", "replace").decode()
+
+
+def fitted(text: str, size: int, most: float) -> str:
+    """Return as much of a text as is at most so wide [pixels], with dots for the rest."""
+    text = showable(text)
+    if width(text, size) <= most:
+        return text
+    low, high = 0, len(text)
+    while low < high:  # the longest beginning that leaves room for the dots
+        middle = (low + high + 1) // 2
+        if width(text[:middle] + "...", size) <= most:
+            low = middle
+        else:
+            high = middle - 1
+    return text[:low] + "..."
 
 
 def width(text: str, size: int) -> int:

@@ -128,7 +128,7 @@ def stages(log: Path, folder: Path) -> dict[str, float]:
         grid.prepare(settings, {})
         for key, layers in changed.items():
             grid.tiles.write(key, layers)
-        grid.ledger.add(version, settings.model, 0, laid_out.geometry, [], touched)
+        grid.ledger.add(version, settings.model, 0, laid_out.geometry, touched)
     lap("storing")
     return found
 

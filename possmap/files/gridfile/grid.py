@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
 from types import TracebackType
+from typing import Self
 
 import numpy as np
 
@@ -55,7 +56,7 @@ class Grid:
             self.close()
             raise GridError(f"{self._database.name}: not a possmap grid: nothing was fused into it")
 
-    def __enter__(self) -> Grid:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(

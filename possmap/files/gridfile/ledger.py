@@ -199,12 +199,29 @@ class Ledger:
         except (ValueError, TypeError, KeyError) as error:
             raise self._database.damaged(f"{what}: {error}") from error
 
-    def add_source(self, origin: Origin, fused_at: str, version: str) -> int:
-        """Note a file that brings something new, and return its id."""
-        return self._database.execute(
-            "INSERT INTO source (name, sha256, size, fused_at, version) VALUES (?, ?, ?, ?, ?)",
-            (origin.name, origin.sha256, origin.size, fused_at, version),
-        )
+    def add_arrivals(
+        self, parts: Sequence[tuple[tuple[str, str], Part]], fused_at: str, version: str
+    ) -> None:
+        """Note what brought the records of excursions already added, in the order of arrival.
+
+        parts : robot and excursion, and the part; fused_at, version: as an arrival's.
+        """
+        sources: dict[Origin, int] = {}
+        for (robot, excursion), part in parts:
+            origin = part.origin
+            if origin not in sources:
+                sources[origin] = self._database.execute(
+                    "INSERT INTO source (name, sha256, size, fused_at, version)"
+                    " VALUES (?, ?, ?, ?, ?)",
+                    (origin.name, origin.sha256, origin.size, fused_at, version),
+                )
+            carrier = part.carrier or (None, None)
+            self._database.execute(
+                "INSERT INTO part"
+                " (excursion, first, count, source, carrier_robot, carrier_excursion)"
+                " SELECT id, ?, ?, ?, ?, ? FROM excursion WHERE robot = ? AND name = ?",
+                (part.first, part.count, sources[origin], *carrier, robot, excursion),
+            )
 
     def add(
         self,
@@ -212,7 +229,6 @@ class Ledger:
         model: ErrorModel,
         known_records: int,
         geometry: Mapping[int, Geometry],
-        parts: Sequence[tuple[Part, int]],
         touched: Touched,
     ) -> None:
         """Write down a new excursion, or the later part of a known one.
@@ -221,8 +237,6 @@ class Ledger:
         ----------
         known_records
             How many records the ledger holds already.
-        parts
-            What brought the others, each with the id of its source.
         touched
             Tiles and the numbers of the new records that touch them.
         """
@@ -261,14 +275,6 @@ class Ledger:
                     if type(record) is kind
                 ),
             )
-        self._database.many(
-            "INSERT INTO part (excursion, first, count, source, carrier_robot, carrier_excursion)"
-            " VALUES (?, ?, ?, ?, ?, ?)",
-            (
-                (identity, part.first, part.count, source, *(part.carrier or (None, None)))
-                for part, source in parts
-            ),
-        )
         self._database.many(
             "INSERT OR IGNORE INTO touched VALUES (?, ?, ?, ?)",
             ((*key, identity, number) for key, number in sorted(touched)),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from possmap.core.evidence import Layer
 from possmap.core.fusion import LayerArray, TileLayers, blank
-from possmap.core.lattice import TILE, TileKey, Window, tile_window
+from possmap.core.lattice import TILE, TileKey, Window, joined, tile_window
 from possmap.files.gridfile.database import Database
 
 _COMPRESSION = 3
@@ -135,6 +135,21 @@ class TileStore:
                 if shared.cells:
                     whole[shared.slices_in(window)] = cells[shared.slices_in(bounds)]
         return whole
+
+    def areas(self, window: Window) -> Iterator[Window]:
+        """Yield the parts of a window whose tiles hold anything, a few tiles at a time."""
+        if not window.cells:
+            return
+        first, last = window.row0 // TILE, (window.row1 - 1) // TILE
+        for (row,) in self._database.all(
+            "SELECT DISTINCT row FROM tile WHERE row BETWEEN ? AND ? ORDER BY row", (first, last)
+        ):
+            columns = self._database.all(
+                'SELECT DISTINCT "column" FROM tile'
+                ' WHERE layer IN (0, 1, 2) AND row = ? AND "column" BETWEEN ? AND ? ORDER BY 1',
+                (row, window.column0 // TILE, (window.column1 - 1) // TILE),
+            )
+            yield from joined((TileKey(row, column) for (column,) in columns), window)
 
     def bounds(self) -> Window | None:
         """Return the smallest window that holds all evidence, or None if there is none."""
