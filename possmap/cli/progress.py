@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -14,3 +15,18 @@ def bar(items: Sequence[T], unit: str) -> Iterable[T]:
 
     shown: Iterable[T] = tqdm(items, unit=unit, disable=None, leave=False)
     return shown
+
+
+@contextmanager
+def clock() -> Iterator[Callable[[float, float], None]]:
+    """Show simulated time: yields what is told the seconds gone, and how many there are."""
+    from tqdm import tqdm
+
+    with tqdm(unit="s", disable=None, leave=False) as shown:
+
+        def tell(gone: float, whole: float) -> None:
+            if gone - shown.n >= 1:
+                shown.total = max(round(whole), round(gone))
+                shown.update(round(gone - shown.n))
+
+        yield tell

@@ -39,8 +39,9 @@ def test_help_lists_every_command_with_its_line() -> None:
     text = run("--help").stdout
     listed = text.partition("\nCommands:\n")[2].partition("\n\n")[0]
     assert [line.split()[0] for line in listed.splitlines()] == list(COMMANDS)
+    column = max(map(len, COMMANDS)) + 2
     for name, line in COMMANDS.items():
-        assert f"  {name:<8}{line}\n" in text
+        assert f"  {name:<{column}}{line}\n" in text
     assert text.splitlines()[-1].startswith("  Example: possmap ")
     assert run("-h").stdout == text
 
@@ -58,6 +59,7 @@ def test_the_examples_run_one_after_the_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "data").symlink_to(ROOT / "data")
+    (tmp_path / "configs").symlink_to(ROOT / "configs")
     monkeypatch.chdir(tmp_path)
     assert run(*shlex.split(run("--help").stdout.splitlines()[-1])[2:], "--dry-run").exit_code == 0
     for command in COMMANDS:

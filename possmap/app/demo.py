@@ -1,0 +1,56 @@
+"""``possmap demo``: a shipped mission simulated, fused and drawn in one go."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from possmap.app.fuse import FuseSummary, fuse
+from possmap.app.render import Look, render
+from possmap.app.simulate import simulate
+from possmap.errors import OutputError, printable
+from possmap.files.settings_yaml import shipped
+from possmap.simulation.summary import Summary
+
+MISSION = "missions/figure8.yaml"
+
+
+@dataclass(frozen=True, slots=True)
+class DemoSummary:
+    """What the demo made. mission, fused: as the commands report; picture: the map."""
+
+    folder: Path
+    mission: Summary
+    fused: FuseSummary
+    picture: Path
+
+
+def demo(
+    folder: Path,
+    seed: int | None = None,
+    overwrite: bool = False,
+    progress: Callable[[float, float], None] | None = None,
+) -> DemoSummary:
+    """Simulate the shipped mission into ``folder``, fuse its logs, draw the map beside the truth.
+
+    Raises
+    ------
+    OutputError
+        If the folder holds something already, or nobody came home.
+    """
+    overrides = {} if seed is None else {"seed": str(seed)}
+    mission = simulate(shipped(MISSION), folder, overrides, overwrite=overwrite, progress=progress)
+    if not mission.home:
+        raise OutputError(
+            f"{printable(str(folder))}: nobody came home, so there is no map; try another --seed"
+        )
+    grid = folder / "site.possmap"
+    fused = fuse([str(folder / "logs")], grid)
+    picture = folder / "site.png"
+    truth = folder / "truth.json"
+    home = json.loads(truth.read_text())["home"]
+    title = f"Three robots from I ({home[0]:g}, {home[1]:g})"
+    render(grid, picture, Look(truth=truth, tracks=True, title=title))
+    return DemoSummary(folder, mission, fused, picture)

@@ -1,0 +1,98 @@
+"""``possmap simulate``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from possmap.cli import options
+
+if TYPE_CHECKING:
+    from possmap.simulation.summary import Summary
+
+
+def overrides_of(seed: int | None, robots: int | None, sets: tuple[str, ...]) -> dict[str, str]:
+    """Return what the options ask for, ``--set`` the strongest."""
+    given: dict[str, str] = {}
+    if seed is not None:
+        given["seed"] = str(seed)
+    if robots is not None:
+        given["robots"] = str(robots)
+    for text in sets:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise click.BadParameter(f"{text!r}, expected KEY=VALUE", param_hint="--set")
+        given[name.strip()] = value.strip()
+    return given
+
+
+@click.command(epilog="Example: possmap simulate configs/missions/figure8.yaml -o troupe")
+@click.argument("mission", type=options.EXISTING_FILE, metavar="MISSION.yaml")
+@click.option(
+    "-o", "--output", "folder", required=True, type=click.Path(path_type=Path), metavar="DIR",
+    help="A folder to make: logs/, truth.json and summary.json.",
+)  # fmt: skip
+@click.option("--seed", type=click.IntRange(min=0), help="Of all random numbers.")
+@click.option("--robots", type=click.IntRange(min=1), help="How many.")
+@click.option(
+    "--set", "sets", multiple=True, metavar="KEY=VALUE", help="Any key of the mission file."
+)
+@click.option(
+    "--picture", type=click.Path(path_type=Path), metavar="OUT.png",
+    help="Draw the world, the true tracks and the meetings.",
+)  # fmt: skip
+@options.overwrite
+@options.as_json
+@click.pass_context
+def simulate(
+    ctx: click.Context,
+    /,
+    mission: Path,
+    folder: Path,
+    seed: int | None,
+    robots: int | None,
+    sets: tuple[str, ...],
+    picture: Path | None,
+    overwrite: bool,
+    as_json: bool,
+) -> None:
+    """Drive a team of robots through a world, by real kinematics and with real errors.
+
+    logs/ holds what the host receives, one log for each excursion that came home, sorted by
+    return; truth.json what truly happened. One seed gives one set of bytes.
+    """
+    from possmap.app.simulate import as_json as to_json
+    from possmap.app.simulate import simulate as drive
+    from possmap.cli.progress import clock
+    from possmap.errors import printable
+
+    with clock() as tell:
+        summary = drive(
+            mission, folder, overrides_of(seed, robots, sets),
+            picture=picture, overwrite=overwrite, progress=tell,
+        )  # fmt: skip
+    if as_json:
+        click.echo(json.dumps(to_json(summary)))
+    elif not ctx.obj["quiet"]:
+        report(summary)
+        click.echo(f"{printable(str(folder))}: {summary.home} logs, truth.json, summary.json")
+
+
+def report(summary: Summary) -> None:
+    """Print a summary as a table."""
+    head = ("excursion", "fate", "min", "run m", "far m", "records", "known")
+    click.echo("{:<10}{:<6}{:>7}{:>8}{:>7}{:>9}{:>7}".format(*head))
+    for one in summary.outings:
+        line = (
+            f"{one.excursion:<10}{one.fate:<6}{one.minutes:>7.1f}{one.distance:>8.1f}"
+            f"{one.farthest:>7.1f}{one.records:>9}{one.known:>7}"
+        )
+        click.echo(f"{line}  {one.why}".rstrip())
+    click.echo(
+        f"{summary.home} of {len(summary.outings)} excursions came home; "
+        f"{summary.meetings} meetings; of the lost the host knows {summary.relayed} records; "
+        f"{summary.explored:.0%} of the walls explored"
+    )

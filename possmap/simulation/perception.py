@@ -1,0 +1,183 @@
+"""Perception: what the infrared sensors, the drop sensor and the switches tell (paper §2).
+
+The robot's own frame: x ahead, y to the left [m]. Sensors are short-sighted, and noisy.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from possmap.core.records import CornerKind
+from possmap.simulation.body import Place
+from possmap.simulation.settings import MissionSettings
+from possmap.simulation.world import Floats, World
+
+SAMPLE_M = 0.1
+"""Between two readings to the side while running [m]."""
+JUMP_M = 0.15
+"""A reading that differs more from the last is of another wall [m]."""
+
+Others = Callable[[Place, float, float], float | None]
+"""How far ahead another robot's body is, given place, half width and reach of a strip [m]."""
+
+
+def strip_of(settings: MissionSettings) -> float:
+    """Return half the width that a robot needs to pass [m]."""
+    return settings.width / 2 + 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """A piece of wall seen to one side during a run, in the frame of the run's start.
+
+    side : +1 left, -1 right.
+    x, y, x2, y2 : from where to where [m].
+    distance : of the nearest reading from the middle of the robot [m].
+    ended : the true place and kind of its end, if it ended while the robot ran on.
+    """
+
+    side: int
+    x: float
+    y: float
+    x2: float
+    y2: float
+    distance: float
+    ended: tuple[float, float, CornerKind] | None
+
+
+class Perception:
+    """Reads the true world; tells the robot only what its sensors would."""
+
+    def __init__(
+        self, world: World, settings: MissionSettings, rng: np.random.Generator, others: Others
+    ) -> None:
+        self._world = world
+        self._settings = settings
+        self._rng = rng
+        self._others = others
+
+    def _noise(self, shape: tuple[int, ...] = ()) -> Floats:
+        noise: Floats = np.asarray(self._settings.ir_noise * self._rng.standard_normal(shape))
+        return noise
+
+    def way_ahead(self, place: Place, reach: float) -> tuple[float, str, bool]:
+        """Return how far the body can go [m], what stops it, and whether that wall is horizontal.
+
+        What stops it: ``free`` (nothing within reach), ``wall``, ``drop`` or ``robot``. It stops a
+        gap short of a wall, so that it can turn and follow it.
+        """
+        settings = self._settings
+        nose = settings.length / 2
+        stop = nose + settings.gap
+        strip = strip_of(settings)
+        best, what, horizontal = reach, "free", False
+        ahead = self._world.ahead(place.x, place.y, place.heading, strip, reach + stop)
+        if ahead is not None and ahead.distance - stop < best:
+            best, what, horizontal = max(0.0, ahead.distance - stop), "wall", ahead.horizontal
+        drop = self._world.drop_ahead(place.x, place.y, place.heading, reach + nose)
+        if drop is not None and drop - nose - 0.05 < best:
+            best, what = max(0.0, drop - nose - 0.05), "drop"
+        other = self._others(place, strip, reach + stop)
+        if other is not None and other - stop < best:
+            best, what = max(0.0, other - stop), "robot"
+        return best, what, horizontal
+
+    def front(self, place: Place) -> float | None:
+        """Return the reading of the front sensor from the nose [m]; None beyond its range."""
+        nose = self._settings.length / 2
+        strip = self._settings.width / 2
+        reach = self._settings.ir_range + nose
+        ahead = self._world.ahead(place.x, place.y, place.heading, strip, reach)
+        if ahead is None:
+            return None
+        return max(0.0, ahead.distance - nose + float(self._noise()))
+
+    def side(self, place: Place, side: int, reach: float | None = None) -> float | None:
+        """Return how far a wall is to one side, from the middle of the robot [m]; None beyond."""
+        reach = reach or self._settings.width / 2 + self._settings.ir_range
+        direction = place.heading + side * math.pi / 2
+        at = np.array([place.x]), np.array([place.y])
+        distance = float(self._world.side_distances(*at, direction, reach)[0])
+        return distance + float(self._noise()) if math.isfinite(distance) else None
+
+    def five(self, place: Place) -> list[float]:
+        """Return all five readings from the body's edge [m], front first, then left, then right."""
+        reach = self._settings.ir_range + self._settings.length / 2
+        readings: list[float] = []
+        for degrees in (0, 45, -45, 90, -90):
+            direction = place.heading + math.radians(degrees)
+            at = np.array([place.x]), np.array([place.y])
+            found = float(self._world.side_distances(*at, direction, reach)[0])
+            readings.append(round(min(found, reach) + float(self._noise()), 4))
+        return readings
+
+    def wall_lasts(self, place: Place, side: int, distance: float) -> float:
+        """Return how far ahead the wall at one side goes on, at most ``distance`` [m]."""
+        along = np.linspace(0.0, distance, max(2, math.ceil(distance / 0.05) + 1))
+        cos, sin = math.cos(place.heading), math.sin(place.heading)
+        reach = self._settings.width / 2 + self._settings.ir_range
+        found = self._world.side_distances(
+            place.x + along * cos, place.y + along * sin, place.heading + side * math.pi / 2, reach
+        )
+        gone = np.flatnonzero(~(found <= found[0] + JUMP_M))
+        return float(along[gone[0]]) if gone.size else distance
+
+    def beside(self, start: Place, distance: float) -> Iterator[Sighting]:
+        """Yield the pieces of wall that pass by on both sides of a straight run.
+
+        start : the true place and direction of the run; distance [m].
+        """
+        count = max(2, math.ceil(distance / SAMPLE_M) + 1)
+        along = np.linspace(0.0, distance, count)
+        cos, sin = math.cos(start.heading), math.sin(start.heading)
+        x, y = start.x + along * cos, start.y + along * sin
+        reach = self._settings.width / 2 + self._settings.ir_range
+        for side in (1, -1):
+            direction = start.heading + side * math.pi / 2
+            true = self._world.side_distances(x, y, direction, reach)
+            seen = true + self._noise((count,))
+            for first, last in _pieces(true):
+                yield self._sighting(start, side, along, true, seen, first, last)
+
+    def _sighting(
+        self, start: Place, side: int, along: Floats, true: Floats, seen: Floats,
+        first: int, last: int,
+    ) -> Sighting:  # fmt: skip
+        """Fit a straight piece to consecutive readings."""
+        at, to = along[first : last + 1], seen[first : last + 1]
+        if len(at) > 2:
+            slope, offset = np.polyfit(at, to, 1)
+        else:
+            slope, offset = 0.0, float(to.mean())
+        near, far = float(at[0]), float(at[-1])
+        ended: tuple[float, float, CornerKind] | None = None
+        following = float(true[last + 1]) if last + 1 < len(along) else None
+        if following is not None and following > float(true[last]):
+            end_x, end_y = start.at(far, side * float(true[last]))
+            ended = (far, side * float(to[-1]), self._world.corner_kind(end_x, end_y))
+        return Sighting(
+            side,
+            near, side * float(offset + slope * near),
+            far, side * float(offset + slope * far),
+            float(to.min()),
+            ended,
+        )  # fmt: skip
+
+
+def _pieces(distances: Floats) -> Iterator[tuple[int, int]]:
+    """Yield first and last index of readings that belong together; infinite ones belong nowhere."""
+    first: int | None = None
+    for k, distance in enumerate(distances.tolist()):
+        if first is not None and (
+            math.isinf(distance) or abs(distance - distances[k - 1]) > JUMP_M
+        ):
+            yield first, k - 1
+            first = None
+        if first is None and math.isfinite(distance):
+            first = k
+    if first is not None:
+        yield first, len(distances) - 1
