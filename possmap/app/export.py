@@ -11,11 +11,8 @@ from typing import BinaryIO
 from possmap.core.lattice import Window
 from possmap.errors import OutputError, did_you_mean, printable, shown
 from possmap.files.atomic import replacing
-from possmap.files.gridfile.grid import Grid
+from possmap.files.gridfile.grid import MOST_CELLS, Grid
 from possmap.files.npz import write_npz
-
-MOST_CELLS = 10**9
-"""A window larger than this is refused."""
 
 FORMATS: Mapping[str, Callable[[Grid, Window, BinaryIO], None]] = MappingProxyType(
     {".npz": write_npz}

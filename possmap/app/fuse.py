@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -204,22 +204,19 @@ def _commit(
 def _judge(judge: Judge, batch: Iterable[_Read], strict: bool) -> list[Outcome]:
     """Judge logs in the order given; with ``strict`` the first refused one undoes the others."""
     outcomes: list[Outcome] = []
+    batch = iter(batch)
     for one in batch:
         outcomes.append(_outcome(judge, one))
         log.info("%s: %s", outcomes[-1].path, outcomes[-1].status)
         if strict and outcomes[-1].status == "refused":
             judge.forget()
             undone = f"not kept, since {printable(one.path)} was refused (--strict)"
-            return [
-                replace(
-                    before,
-                    status="refused",
-                    records_new=0,
-                    records_known=0,
-                    error=f"{printable(before.path)}: {undone}",
-                )
-                for before in outcomes[:-1]
-            ] + outcomes[-1:]
+            others = [*(before.path for before in outcomes[:-1]), *(after.path for after in batch)]
+            unkept = [
+                Outcome(path, "refused", error=f"{printable(path)}: {undone}") for path in others
+            ]
+            before = len(outcomes) - 1
+            return [*unkept[:before], outcomes[-1], *unkept[before:]]
     return outcomes
 
 

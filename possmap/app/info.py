@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from possmap.core.lattice import Window
+from possmap.core.lattice import TILE, Window
 from possmap.files.gridfile.grid import Grid
 from possmap.files.gridfile.ledger import Arrival, Entry
 from possmap.files.setting_table import Value
-from possmap.files.settings import Settings
+from possmap.files.settings import Settings, assemble
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,15 +54,14 @@ def info(path: Path) -> GridInfo:
     GridError
         If it is no grid.
     """
-    from possmap.core.lattice import TILE
-    from possmap.files.settings import assemble
-
     with Grid(path) as grid, grid.snapshot():
         window = grid.window
         extent = None
         if window is not None:
-            x0, y0 = grid.lattice.corner_of(window.row0, window.column0)
-            extent = (x0, y0, *grid.lattice.corner_of(window.row1, window.column1))
+            low = grid.lattice.corner_of(window.row0, window.column0)
+            high = grid.lattice.corner_of(window.row1, window.column1)
+            x0, y0, x1, y1 = (round(value, 9) for value in (*low, *high))
+            extent = (x0, y0, x1, y1)
         tiles = grid.tiles.count()
         stored = grid.stored_settings()
         return GridInfo(

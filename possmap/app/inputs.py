@@ -39,7 +39,7 @@ def _logs_in(path: Path) -> list[str]:
     try:
         if not path.is_dir():
             return []
-        logs = [p.name for p in path.iterdir() if encoding_of(p) is not None and p.is_file()]
+        logs = [p.name for p in path.iterdir() if encoding_of(p) is not None and not p.is_dir()]
     except OSError:
         return []  # reading it says why
     return [str(path / log) for log in sorted(logs)]

@@ -12,7 +12,7 @@ from possmap.app.export import chosen_window, refuse_itself
 from possmap.core.evidence import findings
 from possmap.core.lattice import Window
 from possmap.errors import OutputError, plural, printable, shown
-from possmap.files.atomic import replacing
+from possmap.files.atomic import check_output, replacing
 from possmap.files.gridfile.grid import Grid
 from possmap.files.gridfile.ledger import Entry
 from possmap.files.limits import Limits
@@ -24,6 +24,9 @@ from possmap.pictures.overlays import Overlays, Place
 from possmap.pictures.png import write_png
 from possmap.pictures.raster import Raster
 from possmap.release import version
+
+HOME_M = 1.0
+"""Robots that set out so near to each other set out from one home [m]."""
 
 Metres = tuple[float, float, float, float]
 """A rectangle: x0, y0, x1, y1."""
@@ -82,8 +85,9 @@ def render(path: Path, output: Path, look: Look, overwrite: bool = False) -> Ren
     refuse_itself(path, output)
     with Grid(path) as grid, grid.snapshot():
         chosen = raster_of(grid, look)
+        check_output(output, overwrite)
+        image = picture(grid, look, chosen)
         with replacing(output, overwrite) as stream:
-            image = picture(grid, look, chosen)
             write_png(image, stream, metadata(grid, look, chosen))
     return RenderSummary(output, *image.size)
 
@@ -197,7 +201,8 @@ def overlays_of(
                 continue
             if entry != last:
                 if x0 <= at.x <= x1 and y0 <= at.y <= y1:
-                    homes.setdefault((round(at.x), round(at.y)), (at.x, at.y))
+                    near = (round(at.x / HOME_M), round(at.y / HOME_M))
+                    homes.setdefault(near, (at.x, at.y))
                 tracks[entry.robot].append([])
                 last = entry
             tracks[entry.robot][-1].append((at.x, at.y))

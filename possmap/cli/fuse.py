@@ -59,16 +59,21 @@ def fuse(
     from possmap.cli.progress import bar
     from possmap.errors import plural, printable
 
-    summary = fuse_logs(
-        logs,
-        grid,
-        options.request(**settings),
-        strict=strict,
-        dry_run=dry_run,
-        allow_truncated=allow_truncated,
-        jobs=jobs,
-        progress=bar,
-    )
+    try:
+        summary = fuse_logs(
+            logs,
+            grid,
+            options.request(**settings),
+            strict=strict,
+            dry_run=dry_run,
+            allow_truncated=allow_truncated,
+            jobs=jobs,
+            progress=bar,
+        )
+    except KeyboardInterrupt:
+        stays = "nothing was kept" if strict else "the grid holds whole logs only"
+        click.echo(f"possmap: stopped; {stays}, and the same command completes the job", err=True)
+        ctx.exit(1)
     for log in summary.logs:
         for message in (log.error, log.note):
             if message:

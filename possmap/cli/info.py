@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from possmap.cli import options
 
 if TYPE_CHECKING:
     from possmap.app.info import GridInfo
+    from possmap.files.gridfile.ledger import Entry
 
 
 @click.command(epilog="Example: possmap info site.possmap")
@@ -46,6 +48,7 @@ def _as_json(found: GridInfo) -> dict[str, Any]:
                 "robot": one.robot,
                 "excursion": one.excursion,
                 "records": one.records,
+                "model": _own(found, one),
                 "parts": [
                     {
                         "first": arrival.part.first,
@@ -63,6 +66,16 @@ def _as_json(found: GridInfo) -> dict[str, Any]:
             }
             for one in found.excursions
         ],
+    }
+
+
+def _own(found: GridInfo, entry: Entry) -> dict[str, float]:
+    """Return the parameters in which an excursion's model differs from the grid's."""
+    general = found.settings.evidence.model
+    return {
+        name: getattr(entry.model, name)
+        for name in asdict(entry.model)
+        if getattr(entry.model, name) != getattr(general, name)
     }
 
 
@@ -99,7 +112,9 @@ def _as_text(found: GridInfo) -> list[str]:
     ]
     lines += ["settings    " + (", ".join(changed) or "the paper's, all of them")]
     for one in found.excursions:
-        lines += [f"  {one.robot} {one.excursion}: {plural(one.records, 'record')}"]
+        own = ", ".join(f"{name} {scalar(value)}" for name, value in _own(found, one).items())
+        line = f"  {one.robot} {one.excursion}: {plural(one.records, 'record')}"
+        lines += [f"{line}, its own {own}" if own else line]
         for arrival in found.arrivals:
             if (arrival.robot, arrival.excursion) == one.name:
                 part = arrival.part

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import logging
+import signal
+import sys
 from importlib import import_module
 from typing import Any
 
@@ -50,11 +54,21 @@ class _Lazy(click.Group):
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
+        # A process that is asked to end still takes its half-written files with it.
+        with contextlib.suppress(ValueError):  # not the main thread
+            signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
         try:
-            return super().invoke(ctx)
+            result = super().invoke(ctx)
+            sys.stdout.flush()
         except PossmapError as error:
             click.echo(f"possmap: {error}", err=True)
             ctx.exit(1)
+        except OSError as error:
+            if error.errno != errno.ENOSPC or error.filename is not None:
+                raise
+            click.echo(f"possmap: the output cannot be written: {error.strerror}", err=True)
+            ctx.exit(1)
+        return result
 
 
 def _print_version(ctx: click.Context, _: click.Parameter, asked: bool) -> None:

@@ -73,6 +73,7 @@ def settings(command: F) -> F:
             multiple=True,
             metavar="KEY=VALUE",
             help="Give one setting; again for more. A robot's: robots.NAME.PARAMETER=VALUE.",
+            shell_complete=lambda ctx, param, begun: _settings_like(begun),
         ),
         click.option("--resolution", metavar="M", help="Metres per cell.  [default: 0.05]"),
         click.option("--config", type=EXISTING_FILE, help="A YAML file of settings."),
@@ -84,6 +85,12 @@ def settings(command: F) -> F:
     ):
         command = option(command)
     return command
+
+
+def _settings_like(begun: str) -> list[str]:
+    from possmap.files.setting_table import KNOWN
+
+    return [f"{name}=" for name in KNOWN if name.startswith(begun)]
 
 
 def request(

@@ -57,6 +57,7 @@ def _palette(ctx: click.Context, _: click.Parameter, name: str) -> str:
     metavar="NAME",
     callback=lambda ctx, param, name: None if name is None else _layer(name),
     help=f"One of {', '.join(LAYERS)}.  [default: map]",
+    shell_complete=lambda ctx, param, begun: [n for n in LAYERS if n.startswith(begun)],
 )
 @click.option(
     "--panels",
@@ -74,6 +75,7 @@ def _palette(ctx: click.Context, _: click.Parameter, name: str) -> str:
     callback=_palette,
     metavar="NAME",
     help="Colours of values; list prints them all.",
+    shell_complete=lambda ctx, param, begun: [n for n in PALETTES if n.startswith(begun)],
 )
 @click.option("--bare", is_flag=True, help="Only the cells: one pixel each, times --scale.")
 @click.option("--scale", type=click.IntRange(min=1), help="Pixels per cell.")
@@ -131,7 +133,7 @@ def render(
     the highest y, so that a program can read the values back; of coverage it is the count.
     """
     from possmap.app.render import Look
-    from possmap.errors import printable
+    from possmap.errors import plural, printable
 
     if output is None and not show:
         raise click.UsageError("Give -o OUT.png for a picture, or --show for a preview.")
@@ -180,7 +182,7 @@ def render(
 
         done = draw(grid, output, look, overwrite)
     if not ctx.obj["quiet"]:
-        film = f", {done.frames} frames" if animate else ""
+        film = f", {plural(done.frames, 'frame')}" if animate else ""
         click.echo(f"{printable(str(done.output))}: {done.width} x {done.height} pixels{film}")
 
 

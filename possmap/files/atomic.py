@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-import tempfile
+import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,31 +24,31 @@ def replacing(path: Path, overwrite: bool) -> Iterator[BinaryIO]:
     name = printable(str(path))
     try:
         target = path.resolve()  # of a link, what it points to
-        _check(target, name, overwrite)
-        handle, beside = tempfile.mkstemp(prefix=f".{target.name}."[:40], dir=target.parent)
+        check_output(path, overwrite)
+        beside = target.with_name(f".{target.name[:40]}.{secrets.token_hex(4)}")
+        handle = os.open(beside, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
         try:
-            with os.fdopen(handle, "wb") as stream:
+            with os.fdopen(handle, "w+b") as stream:
                 yield stream
-            Path(beside).chmod(0o666 & ~_umask())
-            Path(beside).replace(target)
+            beside.replace(target)
         except BaseException:
-            Path(beside).unlink(missing_ok=True)
+            beside.unlink(missing_ok=True)
             raise
     except OSError as error:
         raise OutputError(f"{name}: cannot be written: {error.strerror or error}") from error
 
 
-def _check(path: Path, name: str, overwrite: bool) -> None:
-    if path.is_dir():
-        raise OutputError(f"{name}: is a folder, expected a file")
-    if path.exists() and not overwrite:
-        raise OutputError(f"{name}: exists already; --overwrite replaces it")
-    if not path.parent.is_dir():
-        folder = printable(str(path.parent))
-        raise OutputError(f"{name}: the folder {folder} does not exist")
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+def check_output(path: Path, overwrite: bool) -> None:
+    """Raise OutputError if a file cannot take this name: worth asking before long work."""
+    name = printable(str(path))
+    try:
+        target = path.resolve()
+        if target.is_dir():
+            raise OutputError(f"{name}: is a folder, expected a file")
+        if target.exists() and not overwrite:
+            raise OutputError(f"{name}: exists already; --overwrite replaces it")
+        if not target.parent.is_dir():
+            folder = printable(str(target.parent if path.is_symlink() else path.parent))
+            raise OutputError(f"{name}: the folder {folder} does not exist")
+    except OSError as error:
+        raise OutputError(f"{name}: cannot be written: {error.strerror or error}") from error

@@ -59,7 +59,9 @@ def framed(
     row_height = heading + map_height + _TICK + LINE + 8
     bar, bar_label = _scale(raster, resolution)
     bar_width = math.ceil(bar) + 8 + width(bar_label, SMALL)
-    maps_width = max(columns * map_width + (columns - 1) * _GAP, bar_width)
+    titles = max(width(panel.title, NORMAL) for panel in panels)
+    column_width = max(map_width, titles) if columns > 1 else map_width
+    maps_width = max(columns * column_width + (columns - 1) * _GAP, bar_width)
     maps_height = rows * row_height + LINE
     if maps_width > _WIDE * maps_height:
         key_places, key_size = _in_rows(keys, max(maps_width, 420))
@@ -80,7 +82,7 @@ def framed(
     write(draw, below, fitted(subtitle, NORMAL, content), NORMAL, palettes.FAINT)
     for number, panel in enumerate(panels):
         row, column = divmod(number, columns)
-        x, y = left + column * (map_width + _GAP), top + row * row_height + heading
+        x, y = left + column * (column_width + _GAP), top + row * row_height + heading
         _panel(sheet, panel, x, y, resolution, with_labels=column == 0)
     foot = top + rows * row_height + LINE // 2
     if width(_AXES, SMALL) + 16 + bar_width <= maps_width:

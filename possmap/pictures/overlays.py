@@ -70,10 +70,12 @@ def paint(image: Image.Image, overlays: Overlays, raster: Raster, resolution: fl
         size = (0.45 + 0.55 * certainty) * largest * fine
         diamond(draw, *at(place), size, (*palettes.POINT, alpha), (*palettes.PAPER, alpha))
     radius = min(9.0, max(5.0, max(width, height) / 70)) * fine
+    # On a map of kilometres the sign would hide all that is known around it.
+    ground = 190 if raster.pixels_per_metre(resolution) > 8 else 0
     for place in overlays.homes:
         x, y = at(place)
         circle = (x - radius, y - radius, x + radius, y + radius)
-        draw.ellipse(circle, (*palettes.PAPER, 190), (*palettes.INK, 255), fine)
+        draw.ellipse(circle, (*palettes.PAPER, ground), (*palettes.INK, 255), fine)
         draw.text((x, y), "I", (*palettes.INK, 255), font(round(1.5 * radius)), "mm")
     if fine > 1:
         sheet = sheet.resize((width, height), Image.Resampling.BOX)

@@ -27,23 +27,14 @@ POINT: Colour = (0, 135, 110)
 TRUTH: Colour = (20, 20, 20)
 
 _ROBOTS: tuple[Colour, ...] = (
-    (208, 30, 130), (98, 50, 180), (0, 150, 170), (120, 130, 0), (240, 120, 190), (90, 90, 94),
+    (208, 30, 130), (98, 50, 180), (0, 150, 170), (120, 130, 0), (110, 110, 118), (255, 80, 80),
+    (0, 90, 60), (178, 130, 255), (130, 0, 40), (90, 200, 60), (0, 205, 210), (95, 70, 20),
 )  # fmt: skip
 
 
 def robot(number: int) -> Colour:
-    """Return the colour of a robot's track: six, then six paler, six darker ones, and again."""
-    colour = _ROBOTS[number % len(_ROBOTS)]
-    shade = number // len(_ROBOTS) % 3
-    if shade == 1:
-        return mixed(colour, PAPER, 0.45)
-    return mixed(colour, (0, 0, 0), 0.45) if shade == 2 else colour
-
-
-def mixed(one: Colour, other: Colour, share: float) -> Colour:
-    """Return a colour with a share of another."""
-    red, green, blue = (round(a + share * (b - a)) for a, b in zip(one, other, strict=True))
-    return red, green, blue
+    """Return the colour of a robot's track; after twelve they begin again."""
+    return _ROBOTS[number % len(_ROBOTS)]
 
 
 FREE_STOPS: tuple[Colour, ...] = ((219, 227, 234), (126, 170, 208), (42, 102, 160), (12, 48, 96))

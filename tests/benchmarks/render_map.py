@@ -29,7 +29,6 @@ from possmap.core.pyramid import FULL
 from possmap.core.settings import EvidenceSettings
 from possmap.files.gridfile.grid import Grid
 from possmap.pictures import compose, overlays
-from possmap.pictures.layers import Part
 from possmap.pictures.png import palette_image, write_png
 
 KNOWN = 16  # tiles along a side: 4096, of which 4000 cells are drawn
@@ -110,9 +109,9 @@ def stages(path: Path, look: Look) -> dict[str, float]:
         name = look.layers[0]
 
         def read() -> None:
-            for window, _ in chosen.parts():
-                part = Part(grid.tiles, window)
-                _ = part.known if name == compose.MAP else part.weights
+            for window in grid.tiles.areas(chosen.window):
+                for layer in Layer:
+                    grid.tiles.read_window(layer, window)
 
         timed("reading tiles", read)
         timed("reading tiles, values, blocks", lambda: compose.indices(scene, name, chosen))

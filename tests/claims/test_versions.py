@@ -214,7 +214,8 @@ def test_strict_keeps_nothing_of_a_batch_with_a_refused_log(
     batch = written(tmp_path, a=WHOLE, b=changed(WHOLE, 1, y=0.4), c=log_of("r2"))
     limit = {"transaction_records": transaction_records}
     summary = possmap.fuse(batch, grid, limit, strict=True)
-    assert outcomes(summary) == [("refused", 0, 0), ("refused", 0, 0)]
+    assert outcomes(summary) == [("refused", 0, 0)] * 3
+    assert errors(summary, tmp_path)[2] == "c.json: not kept, since b.json was refused (--strict)"
     assert errors(summary, tmp_path)[0] == "a.json: not kept, since b.json was refused (--strict)"
     assert errors(summary, tmp_path)[1].startswith("b.json:1: excursion a of robot r1 disagrees")
     assert digest(grid) == before

@@ -170,7 +170,7 @@ def test_a_dash_reads_json_lines_from_stdin_plain_or_compressed(tmp_path: Path) 
 
 def test_stdin_is_named_in_messages(grid: Path) -> None:
     result = run("fuse", "-", "-g", grid, stdin=lines_of(log()) + b'{"seq": 1}\n')
-    assert result.stderr.startswith("possmap: -:6: kind is missing")
+    assert result.stderr.startswith("possmap: stdin:6: kind is missing")
     assert result.exit_code == 1
 
 

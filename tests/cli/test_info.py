@@ -62,9 +62,9 @@ def test_a_grid_is_told_line_by_line(tmp_path: Path) -> None:
         "map         21.10 × 0.55 m from (-20.05, -0.25), 422 × 11 cells of 0.05 m, 3 tiles\n"
         "evidence    8 records of 2 excursions by 2 robots\n"
         "settings    the paper's, all of them\n"
-        "  r1 a: 4 records\n"
+        "  r1 a: 4 records, its own along 0.0, across 0.0, turn_spread 0.0\n"
         f"    4 from {tmp_path / '0.json'}\n"
-        "  r2 x: 4 records\n"
+        "  r2 x: 4 records, its own along 0.0, across 0.0, turn_spread 0.0\n"
         f"    3 from {tmp_path / '0.json'}, carried by r1 a\n"
         f"    1 from {tmp_path / '1.json'}\n"
     )
@@ -113,7 +113,7 @@ def test_an_empty_grid_holds_nothing(tmp_path: Path) -> None:
     grid = fused(tmp_path, {**bumps("r1", "a"), "records": []})
     lines = run("info", grid).stdout.splitlines()
     assert lines[2] == "map         nothing, 0 tiles"
-    assert lines[5] == "  r1 a: 0 records"
+    assert lines[5] == "  r1 a: 0 records, its own along 0.0, across 0.0, turn_spread 0.0"
     found = json.loads(run("info", grid, "--json").stdout)
     assert (found["rows"], found["columns"], found["extent"], found["records"]) == (0, 0, None, 0)
 
@@ -130,7 +130,7 @@ def test_one_of_a_thing_is_told_in_the_singular(tmp_path: Path) -> None:
     waiting = {**log, "records": log["records"][:1]}
     text = run("info", fused(tmp_path, waiting)).stdout
     assert "evidence    1 record of 1 excursion by 1 robot\n" in text
-    assert "  r1 a: 1 record\n" in text
+    assert "  r1 a: 1 record, its own " in text
     folder = tmp_path / "more"
     folder.mkdir()
     assert ", 1 tile\n" in run("info", fused(folder, log)).stdout
@@ -175,7 +175,7 @@ def test_a_poor_terminal_gets_the_text_too(encoding: str, tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("content", "complaint"),
     [
-        (b"", "empty, expected a possmap grid"),
+        (b"", "empty; a first fuse that was stopped leaves this: run it again"),
         (b"robot,excursion\n", "not a possmap grid"),
         (b"SQLite format 3\0", "not a possmap grid"),
     ],

@@ -63,7 +63,7 @@ def test_a_bomb_is_refused_without_being_unpacked(tmp_path: Path) -> None:
 
 def test_a_stream_is_held_to_the_limit_too() -> None:
     for data in (LINES + b"\n" * 1024, gzip.compress(LINES + b"\n" * 1024)):
-        with pytest.raises(LogError, match=r"^-: larger than .* \(setting limit_file_mib\)$"):
+        with pytest.raises(LogError, match=r"^stdin: larger than .* \(setting limit_file_mib\)$"):
             read_stdin(io.BytesIO(data), SMALL)
 
 

@@ -142,7 +142,7 @@ def test_gz_in_several_members_is_one_text(tmp_path: Path) -> None:
 def test_stdin_is_json_lines_perhaps_compressed(pack: Callable[[bytes], bytes]) -> None:
     log = read_stdin(io.BytesIO(pack(lines(HEADER, START).encode())), LIMITS)
     assert versions(log) == [PartialMap("r1", "a", (), (Pose(0, None, 0.0, 0.0, 0.0),))]
-    assert log.deliveries[0].place == "-:1"
+    assert log.deliveries[0].place == "stdin:1"
 
 
 @pytest.mark.parametrize("name", ["LOG.JSON", "a.b.2026.JsonL", "log.CSV.GZ", "x.json.csv"])

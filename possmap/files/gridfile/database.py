@@ -26,6 +26,11 @@ WAIT_S = 60.0
 Row: TypeAlias = tuple[Any, ...]
 
 _HEADER_SIZE = 100
+_IN_WORDS = {
+    "attempt to write a readonly database": "may not be written",
+    "unable to open database file": "cannot be opened, or its folder may not be written",
+    "database or disk is full": "the disk is full",
+}
 
 
 class Database:
@@ -43,14 +48,14 @@ class Database:
     """
 
     def __init__(self, path: Path, write: bool = False) -> None:
-        self.path = path
         self.name = printable(str(path))
         exists = check_file(path, write)
+        path = self.path = path.resolve()  # of a link, the file whose journal counts
         # A journal that an interrupted writer left must be rolled back, which needs write access.
         mode = "rwc" if write else "rw" if _journal(path).exists() else "ro"
         with self._explained():
             self._connection = sqlite3.connect(
-                f"{path.absolute().as_uri()}?mode={mode}",
+                f"{path.as_uri()}?mode={mode}",
                 uri=True,
                 timeout=WAIT_S,
                 isolation_level=None,
@@ -139,6 +144,9 @@ class Database:
                 raise GridError(f"{self.name}: {problem}") from error
             if "decode" in str(error):
                 raise self.damaged(str(error)) from error
+            problem = _IN_WORDS.get(str(error), f"cannot be used: {printable(str(error))}")
+            raise GridError(f"{self.name}: {problem}") from error
+        except sqlite3.ProgrammingError as error:  # closed, or of another thread
             raise GridError(f"{self.name}: cannot be used: {printable(str(error))}") from error
         except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
             raise self.damaged(str(error)) from error
@@ -170,6 +178,7 @@ def check_file(path: Path, write: bool) -> bool:
             return False
         if not path.is_file():
             raise GridError(f"{name}: not a regular file, expected a possmap grid")
+        path = path.resolve()
         size = path.stat().st_size
         with path.open("rb") as stream:
             header = stream.read(_HEADER_SIZE)
@@ -180,7 +189,7 @@ def check_file(path: Path, write: bool) -> bool:
     if size == 0:
         if write:
             return False  # what is left of a run that was stopped before its first commit
-        raise GridError(f"{name}: empty, expected a possmap grid")
+        raise GridError(f"{name}: empty; a first fuse that was stopped leaves this: run it again")
     if header[:16] != b"SQLite format 3\0" or len(header) < _HEADER_SIZE:
         raise GridError(f"{name}: not a possmap grid")
     page_size, change, pages = struct.unpack_from(">16xH6xII", header)

@@ -25,6 +25,9 @@ from possmap.files.gridfile.tiles import TileStore
 from possmap.files.setting_table import SHAPING, Value, parse_setting
 from possmap.files.settings import assemble, flat_evidence
 
+MOST_CELLS = 10**9
+"""More than these are never read at once."""
+
 
 class Grid:
     """An open grid file: a possibility/necessity map, with the ledger of what it was made of.
@@ -55,6 +58,9 @@ class Grid:
         if not write and self.is_new:
             self.close()
             raise GridError(f"{self._database.name}: not a possmap grid: nothing was fused into it")
+
+    def __repr__(self) -> str:
+        return f"<possmap grid {self._database.name}>"
 
     def __enter__(self) -> Self:
         return self
@@ -130,7 +136,8 @@ class Grid:
         if name == "points":
             return self.points(window)
         if name not in views.VIEWS:
-            guess = did_you_mean(name, views.VIEWS) or f", expected one of {', '.join(views.VIEWS)}"
+            names = [*views.VIEWS, "points"]
+            guess = did_you_mean(name, names) or f", expected one of {', '.join(names)}"
             raise ValueError(f'unknown view "{name}"{guess}')
         chosen = self._chosen(window)
         necessity, possibility = self.necessity(chosen), self.possibility(chosen)
@@ -181,8 +188,14 @@ class Grid:
         if self.is_new:
             self._database.create()
             self._store(flat_evidence(settings))
-        elif self.settings != settings:
-            raise SettingsError(f"{self._database.name}: made meanwhile with other settings")
+        else:
+            stored, mine = self.stored_settings(), flat_evidence(settings)
+            for name in SHAPING:
+                if stored[name] != mine[name]:
+                    raise SettingsError(
+                        f"{self._database.name}: made meanwhile by another process, with "
+                        f"{name} {stored[name]}, where this one has {mine[name]}"
+                    )
         self._store(flat_robots(robots))
 
     def _store(self, values: Mapping[str, Value]) -> None:
@@ -197,7 +210,17 @@ class Grid:
         return self.tiles.read_window(layer, self._chosen(window)).astype(np.int64)
 
     def _chosen(self, window: Window | None) -> Window:
-        return window or self.window or Window(0, 0, 0, 0)
+        if window is None:
+            return self.window or Window(0, 0, 0, 0)
+        if not isinstance(window, Window):
+            raise TypeError(
+                f"found {window!r:.60}, expected a possmap.Window: grid.lattice.window_of"
+            )
+        if window.cells > MOST_CELLS:
+            raise ValueError(
+                f"{window.cells} cells, expected at most {MOST_CELLS}: read parts of it"
+            )
+        return window
 
 
 def flat_robots(robots: RobotModels) -> dict[str, Value]:
@@ -212,6 +235,3 @@ def flat_robots(robots: RobotModels) -> dict[str, Value]:
 def _frozen(array: CellArray) -> CellArray:
     array.flags.writeable = False
     return array
-
-
-assert set(flat_evidence(EvidenceSettings())) == set(SHAPING)

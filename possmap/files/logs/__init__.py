@@ -36,6 +36,8 @@ def read_log(path: Path, limits: Limits, allow_truncated: bool = False) -> LogFi
         ``file:line: field, value found, what was expected``; nothing of the file may be used.
     """
     encoding = encoding_of(path)
+    if encoding is None and not path.exists():
+        raise LogError(str(path), "no such file")
     if encoding is None:
         expected = ", ".join(SUFFIXES)
         raise LogError(str(path), f"unknown suffix, expected one of {expected}, perhaps with .gz")
@@ -49,4 +51,4 @@ def read_log(path: Path, limits: Limits, allow_truncated: bool = False) -> LogFi
 
 def read_stdin(stream: BinaryIO, limits: Limits, allow_truncated: bool = False) -> LogFile:
     """Read JSON Lines, perhaps compressed, from an open stream."""
-    return read_json_lines(read_stream("-", stream, limits), limits, allow_truncated)
+    return read_json_lines(read_stream("stdin", stream, limits), limits, allow_truncated)

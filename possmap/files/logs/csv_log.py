@@ -89,6 +89,9 @@ def _rows(source: LogText) -> Iterator[tuple[int, list[str]]]:
 def _check_header(header: list[str]) -> None:
     if not header:
         raise Fault((), f"the file is empty, expected a header row: {','.join(COLUMNS)}")
+    for separator, word in ((";", "semicolons"), ("\t", "tabs")):
+        if len(header) == 1 and separator in header[0]:
+            raise Fault((), f"separated by {word}, expected commas")
     for name in header:
         if name not in COLUMNS and not name.startswith("x_"):
             guess = did_you_mean(name, COLUMNS) or f", expected one of {', '.join(COLUMNS)}"
