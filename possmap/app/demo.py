@@ -47,10 +47,12 @@ def demo(
             f"{printable(str(folder))}: nobody came home, so there is no map; try another --seed"
         )
     grid = folder / "site.possmap"
+    if overwrite:
+        grid.unlink(missing_ok=True)
     fused = fuse([str(folder / "logs")], grid)
     picture = folder / "site.png"
     truth = folder / "truth.json"
     home = json.loads(truth.read_text())["home"]
     title = f"Three robots from I ({home[0]:g}, {home[1]:g})"
-    render(grid, picture, Look(truth=truth, tracks=True, title=title))
+    render(grid, picture, Look(truth=truth, tracks=True, title=title), overwrite)
     return DemoSummary(folder, mission, fused, picture)

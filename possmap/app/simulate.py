@@ -77,7 +77,7 @@ def simulate(
 
 
 def _write(folder: Path, name: str, mission: Mission, summary: Summary) -> None:
-    """Write everything into a folder beside, which then takes the name."""
+    """Write everything beside, and only then into the folder."""
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         beside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
@@ -89,15 +89,23 @@ def _write(folder: Path, name: str, mission: Mission, summary: Summary) -> None:
                 (beside / "logs" / f"{number:03d}-{one.excursion}.json").write_text(text)
             (beside / "truth.json").write_text(json.dumps(truth(mission)) + "\n")
             (beside / "summary.json").write_text(json.dumps(as_json(summary), indent=1) + "\n")
-            beside.chmod(0o755)
-            if folder.exists():
-                shutil.rmtree(folder)
-            beside.replace(folder)
-        except BaseException:
+            _take_place(beside, folder)
+        finally:
             shutil.rmtree(beside, ignore_errors=True)
-            raise
     except OSError as error:
         raise OutputError(f"{name}: cannot be written: {error.strerror or error}") from error
+
+
+def _take_place(beside: Path, folder: Path) -> None:
+    """Move what was written into the folder; of what is there only earlier output makes room."""
+    logs = folder / "logs"
+    logs.mkdir(parents=True, exist_ok=True)
+    for old in logs.glob("[0-9][0-9][0-9]-r*.json"):
+        old.unlink()
+    for log in sorted((beside / "logs").iterdir()):
+        log.replace(logs / log.name)
+    for name in ("truth.json", "summary.json"):
+        (beside / name).replace(folder / name)
 
 
 def log_text(log: Mapping[str, Any]) -> str:

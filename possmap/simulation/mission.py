@@ -138,7 +138,9 @@ class Mission:
                 for dx, dy in ((0, 0), (1, -1), (1, 0), (1, 1), (0, 1)):
                     for j in cells.get((column + dx, row + dy), ()):
                         if (dx, dy) != (0, 0) or i < j:
-                            self._near(out[i], out[j], places[i], places[j])
+                            # The same two in the same order, wherever they are.
+                            a, b = sorted((i, j))
+                            self._near(out[a], out[b], places[a], places[b])
 
     def _near(self, one: _Acting, other: _Acting, at: Place, to: Place) -> None:
         distance = math.hypot(to.x - at.x, to.y - at.y)
@@ -155,21 +157,29 @@ class Mission:
             if self._rng.random() >= self.settings.radio_loss:
                 self._talk(one, other)
                 return
-        if distance > GIVE_WAY_M or not self.world.sees(at.x, at.y, to.x, to.y):
+        if distance > GIVE_WAY_M:
             return
         waits = f"way:{name}"
-        if self.time >= one.heard.get(waits, -math.inf):
+        is_due = self.time >= one.heard.get(waits, -math.inf)
+        touching = [
+            acting for acting, here, there in ((one, at, to), (other, to, at))
+            if self._would_touch(acting, here, there)
+        ]  # fmt: skip
+        if not (is_due or touching) or not self.world.sees(at.x, at.y, to.x, to.y):
+            return
+        if is_due:
             one.heard[waits] = self.time + PATIENCE_S
             self._give_way(one, other, at, to)
-        self._do_not_touch(one, at, to)
-        self._do_not_touch(other, to, at)
+        for acting in touching:
+            if acting.motion.moves:
+                self._stop(acting, float(self._rng.uniform(0.5, 3.0)))
 
-    def _do_not_touch(self, one: _Acting, at: Place, to: Place) -> None:
-        """Stop a robot that would run into another one, whoever has the right of way."""
-        nose = self.settings.length / 2 + self.settings.gap
+    def _would_touch(self, one: _Acting, at: Place, to: Place) -> bool:
+        """Whether a robot would run into another one, whoever has the right of way."""
+        if not one.motion.moves:
+            return False
         way = _ahead_of(at, to, strip_of(self.settings))
-        if one.motion.moves and way is not None and way < nose:
-            self._stop(one, float(self._rng.uniform(0.5, 3.0)))
+        return way is not None and way < self.settings.length / 2 + self.settings.gap
 
     def _talk(self, one: _Acting, other: _Acting) -> None:
         """Stop, write down the run so far, hand over, and stand still for as long as it takes."""

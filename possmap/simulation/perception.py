@@ -20,6 +20,8 @@ SAMPLE_M = 0.1
 """Between two readings to the side while running [m]."""
 JUMP_M = 0.15
 """A reading that differs more from the last is of another wall [m]."""
+BEND_M = 0.02
+"""So is one this far off the line of the last two [m]."""
 
 Others = Callable[[Place, float, float], float | None]
 """How far ahead another robot's body is, given place, half width and reach of a strip [m]."""
@@ -89,9 +91,8 @@ class Perception:
     def front(self, place: Place) -> float | None:
         """Return the reading of the front sensor from the nose [m]; None beyond its range."""
         nose = self._settings.length / 2
-        strip = self._settings.width / 2
         reach = self._settings.ir_range + nose
-        ahead = self._world.ahead(place.x, place.y, place.heading, strip, reach)
+        ahead = self._world.ahead(place.x, place.y, place.heading, 0.0, reach)
         if ahead is None:
             return None
         return max(0.0, ahead.distance - nose + float(self._noise()))
@@ -141,22 +142,24 @@ class Perception:
             true = self._world.side_distances(x, y, direction, reach)
             seen = true + self._noise((count,))
             for first, last in _pieces(true):
-                yield self._sighting(start, side, along, true, seen, first, last)
+                yield self._sighting(start, side, along, true, seen, first, last, reach)
 
     def _sighting(
         self, start: Place, side: int, along: Floats, true: Floats, seen: Floats,
-        first: int, last: int,
+        first: int, last: int, reach: float,
     ) -> Sighting:  # fmt: skip
         """Fit a straight piece to consecutive readings."""
         at, to = along[first : last + 1], seen[first : last + 1]
-        if len(at) > 2:
+        if len(at) > 1:
             slope, offset = np.polyfit(at, to, 1)
         else:
-            slope, offset = 0.0, float(to.mean())
+            slope, offset = 0.0, float(to[0])
         near, far = float(at[0]), float(at[-1])
         ended: tuple[float, float, CornerKind] | None = None
-        following = float(true[last + 1]) if last + 1 < len(along) else None
-        if following is not None and following > float(true[last]):
+        on = _expected(true, first, last + 1)
+        goes_on = last == first or last + 1 == len(along) or float(true[last + 1]) <= on + BEND_M
+        # One that only leads out of the sensor's range has not ended either.
+        if not goes_on and on <= reach:
             end_x, end_y = start.at(far, side * float(true[last]))
             ended = (far, side * float(to[-1]), self._world.corner_kind(end_x, end_y))
         return Sighting(
@@ -168,15 +171,21 @@ class Perception:
         )  # fmt: skip
 
 
+def _expected(distances: Floats, first: int, k: int) -> float:
+    """Return reading k if the wall seen since reading ``first`` goes straight on [m]."""
+    step = distances[k - 1] - distances[k - 2] if k - 2 >= first else 0.0
+    return float(distances[k - 1] + step)
+
+
 def _pieces(distances: Floats) -> Iterator[tuple[int, int]]:
-    """Yield first and last index of readings that belong together; infinite ones belong nowhere."""
+    """Yield first and last index of readings of one wall; infinite ones belong nowhere."""
     first: int | None = None
     for k, distance in enumerate(distances.tolist()):
-        if first is not None and (
-            math.isinf(distance) or abs(distance - distances[k - 1]) > JUMP_M
-        ):
-            yield first, k - 1
-            first = None
+        if first is not None:
+            off = abs(distance - _expected(distances, first, k))
+            if math.isinf(distance) or off > (BEND_M if k - 2 >= first else JUMP_M):
+                yield first, k - 1
+                first = None
         if first is None and math.isfinite(distance):
             first = k
     if first is not None:

@@ -120,16 +120,18 @@ class Robot:
         self._set_out_at = steering.time
         self.is_out = True
         steering.note_pose(round(home[0], 4), round(home[1], 4), heading_deg)
-        fate, why = "home", ""
+        why = ""
         try:
             yield from self._navigation.explore()
             yield from self._navigation.go_home()
-            place = self.body.place
-            missed = math.hypot(place.x - home[0], place.y - home[1])
-            if missed > self._settings.reach:
-                raise Lost(f"missed home by {missed:.1f} m")
         except Lost as lost:
-            fate, why = "lost", str(lost)
+            why = str(lost)
+        # Whoever collects robots finds those near home, whatever they think of where they are.
+        missed = math.hypot(self.body.place.x - home[0], self.body.place.y - home[1])
+        if missed <= self._settings.reach:
+            fate, why = "home", ""
+        else:
+            fate, why = "lost", why or f"missed home by {missed:.1f} m"
         self.is_out = False
         self.excursions.append(
             Excursion(*name, fate, why, steering.time, steering.track, steering.log())

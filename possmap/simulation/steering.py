@@ -156,7 +156,8 @@ class Steering:
         if way <= 0:
             return
         bend, distance = bend * way / distance, way
-        x, y = chord.at(distance, 0.0)
+        # Along a circle, ends lie nearer than the way between them (METHOD §1).
+        x, y = chord.at(distance * (math.sin(bend / 2) / (bend / 2) if bend else 1.0), 0.0)
         end = Place(x, y, start.heading + bend)
         done = yield Motion(distance / self._settings.speed, start, end, moves=True)
         self._after(done)

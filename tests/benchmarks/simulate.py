@@ -1,10 +1,10 @@
 """What driving a troupe costs: robot-steps a second, how time grows with robots, memory, ir-sim.
 
 A step is one robot out for 0.1 s. Ten robots with five infrared sensors in an office of 60 x 60 m;
-ir-sim, where it is installed (``pip install ir-sim``), drives ten in a building as large, with as many
-walls, each with a lidar of 8 beams, in the same run and without drawing.
+ir-sim, where it is installed (``pip install ir-sim``), drives ten in the same walls, each with a
+lidar of 8 beams, in the same run and without drawing; then also in an empty hall as large.
 
-    python tests/benchmarks/simulate.py [--runs 3] [--minutes 30]
+    python tests/benchmarks/simulate.py [--runs 3] [--minutes 10]
 """
 
 from __future__ import annotations
@@ -24,11 +24,12 @@ import numpy as np
 
 from possmap.files.mission import read_mission
 from possmap.files.settings_yaml import shipped
+from possmap.simulation.floor_plan import sides
 from possmap.simulation.mission import Mission
 from possmap.simulation.world import World
 
 OFFICE = shipped("missions/large-office.yaml")
-BEAMS, ROBOTS, IRSIM_STEPS = 8, 10, 200
+BEAMS, ROBOTS = 8, 10
 
 
 def drive(robots: int, minutes: float, seed: int, max_error: float) -> tuple[float, int, int]:
@@ -88,22 +89,21 @@ def irsim_world(world: World) -> str:
     return "\n".join([head, "robot:", *robots, "obstacle:", *walls, ""])
 
 
-def irsim_steps_a_second() -> float:
+def irsim_steps_a_second(world: World, rounds: int) -> float:
     """Return what ir-sim does with the like scene."""
     import irsim
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "office.yaml"
-        path.write_text(irsim_world(read_mission(OFFICE, {}).world))
+        path.write_text(irsim_world(world))
         env = irsim.make(str(path), display=False, disable_all_plot=True, log_level="ERROR")
-        for _ in range(5):
-            env.step()
+        env.step()
         start = time.perf_counter()
-        for _ in range(IRSIM_STEPS):
+        for _ in range(rounds):
             env.step()
         seconds = time.perf_counter() - start
         env.end()
-    return IRSIM_STEPS * ROBOTS / seconds
+    return rounds * ROBOTS / seconds
 
 
 def say(text: str) -> None:
@@ -114,13 +114,19 @@ def say(text: str) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=3)
-    parser.add_argument("--minutes", type=float, default=30.0)
+    parser.add_argument("--minutes", type=float, default=10.0)
     asked = parser.parse_args()
     of_ten = table(asked.runs, asked.minutes)
     if find_spec("irsim"):
-        theirs = irsim_steps_a_second()
-        say(f"ir-sim, {ROBOTS} robots, {BEAMS} beams: {theirs:.0f} steps/s")
-        say(f"possmap does {of_ten / theirs:.1f} times as many")
+        office = read_mission(OFFICE, {}).world
+        x0, y0, x1, y1 = office.bounds
+        hall = replace(office, walls=np.array(sides((x0, y0, x1, y1))))
+        for name, world, rounds in (("the office", office, 40), ("an empty hall", hall, 400)):
+            theirs = irsim_steps_a_second(world, rounds)
+            say(
+                f"ir-sim, {ROBOTS} robots with {BEAMS} beams in {name}, {len(world.walls)} walls: "
+                f"{theirs:.0f} steps/s; possmap in the office: {of_ten / theirs:.1f} times as many"
+            )
     else:
         say("ir-sim is not installed here (pip install ir-sim): not compared")
     with tempfile.TemporaryDirectory() as folder:
