@@ -30,19 +30,20 @@ def exchange(one: Logbook, other: Logbook, budget_bytes: int, memory_bytes: int)
 
 def _hand_over(giver: Logbook, taker: Logbook, most: int, memory_bytes: int) -> int:
     """Hand over own records first, then relayed excursions, each from the first that is lacking."""
+    most = min(most, max(0, memory_bytes - taker.bytes) // RECORD_BYTES)
     handed = 0
     for name, held in [(giver.name, giver.own), *sorted(giver.relayed.items())]:
-        if name == taker.name:
-            continue
-        room = max(0, memory_bytes - taker.bytes) // RECORD_BYTES
-        handed += _top_up(taker.relayed, name, held, min(most - handed, room))
+        if handed == most:
+            break
+        if name != taker.name:
+            handed += _top_up(taker.relayed, name, held, most - handed)
     return handed
 
 
 def _top_up(relayed: dict[Name, Held], name: Name, held: Held, most: int) -> int:
     known = relayed.get(name)
     have = len(known.records) if known else 0
-    news = held.records[have : have + max(0, most)]
+    news = held.records[have : have + most]
     if news:
         if known is None:
             known = relayed[name] = Held(held.model)
