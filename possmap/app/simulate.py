@@ -13,8 +13,8 @@ from typing import Any
 from PIL import Image
 
 from possmap.core.lattice import Lattice
-from possmap.errors import OutputError, plural, printable
-from possmap.files.atomic import replacing
+from possmap.errors import OutputError, plural, printable, shown
+from possmap.files.atomic import check_output, replacing
 from possmap.files.mission import read_mission
 from possmap.pictures import compose, overlays, palettes
 from possmap.pictures.frame import Panel, framed
@@ -62,6 +62,8 @@ def simulate(
         raise OutputError(f"{name}: is no folder, expected one to be made")
     if folder.exists() and any(folder.iterdir()) and not overwrite:
         raise OutputError(f"{name}: holds something already; --overwrite replaces it")
+    if picture is not None:
+        _check_picture(picture, folder, overwrite)
     plan = read_mission(path, overrides)
     mission = Mission(plan.world, plan.settings)
     for time in mission:
@@ -74,6 +76,16 @@ def simulate(
         with replacing(picture, overwrite) as stream:
             write_png(image, stream, {"Software": f"possmap {version()}"})
     return summary
+
+
+def _check_picture(picture: Path, folder: Path, overwrite: bool) -> None:
+    """Refuse a picture before the drive rather than after it."""
+    if picture.suffix.lower() != ".png":
+        raise OutputError(
+            f"{printable(str(picture))}: unknown suffix {shown(picture.suffix)}, expected .png"
+        )
+    if picture.resolve().parent != folder.resolve():  # which is yet to be made
+        check_output(picture, overwrite)
 
 
 def _write(folder: Path, name: str, mission: Mission, summary: Summary) -> None:

@@ -67,7 +67,7 @@ def simulate(
     from possmap.app.simulate import as_json as to_json
     from possmap.app.simulate import simulate as drive
     from possmap.cli.progress import clock
-    from possmap.errors import printable
+    from possmap.errors import plural, printable
 
     with clock() as tell:
         summary = drive(
@@ -78,11 +78,14 @@ def simulate(
         click.echo(json.dumps(to_json(summary)))
     elif not ctx.obj["quiet"]:
         report(summary)
-        click.echo(f"{printable(str(folder))}: {summary.home} logs, truth.json, summary.json")
+        logs = plural(summary.home, "log")
+        click.echo(f"{printable(str(folder))}: {logs}, truth.json, summary.json")
 
 
 def report(summary: Summary) -> None:
     """Print a summary as a table."""
+    from possmap.errors import plural
+
     head = ("excursion", "fate", "min", "run m", "far m", "records", "known")
     click.echo("{:<10}{:<6}{:>7}{:>8}{:>7}{:>9}{:>7}".format(*head))
     for one in summary.outings:
@@ -93,6 +96,7 @@ def report(summary: Summary) -> None:
         click.echo(f"{line}  {one.why}".rstrip())
     click.echo(
         f"{summary.home} of {len(summary.outings)} excursions came home; "
-        f"{summary.meetings} meetings; of the lost the host knows {summary.relayed} records; "
+        f"{plural(summary.meetings, 'meeting')}; "
+        f"of the lost the host knows {plural(summary.relayed, 'record')}; "
         f"{summary.explored:.0%} of the walls explored"
     )

@@ -35,6 +35,11 @@ class Place:
         cos, sin = math.cos(self.heading), math.sin(self.heading)
         return self.x + along * cos - across * sin, self.y + along * sin + across * cos
 
+    def moved(self, distance: float) -> Place:
+        """Return the place so far straight ahead [m], or behind if negative."""
+        x, y = self.at(distance, 0.0)
+        return Place(x, y, self.heading)
+
 
 def draw_faults(settings: MissionSettings, rng: np.random.Generator) -> Faults:
     """Draw one robot's faults: sides by a coin, sizes around the mission's."""

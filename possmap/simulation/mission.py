@@ -47,6 +47,7 @@ class _Acting:
     started: float
     ends: float
     heard: dict[str, float] = field(default_factory=dict)
+    silent_until: float = 0.0
 
     def place(self, time: float) -> Place:
         """Return where it truly is."""
@@ -149,7 +150,8 @@ class Mission:
         if not (one.robot.is_out and other.robot.is_out):
             return
         name = other.robot.name
-        talks = self.settings.exchange and distance <= self.settings.radio_range
+        rested = self.time >= max(one.silent_until, other.silent_until)
+        talks = self.settings.exchange and rested and distance <= self.settings.radio_range
         if talks and self.time >= one.heard.get(name, -math.inf):
             if not self.world.sees(at.x, at.y, to.x, to.y):
                 return
@@ -196,6 +198,7 @@ class Mission:
             book.meeting(self.time, peer.name, upto)
         hold = seconds_of(given + taken, settings.radio_rate)
         for acting in (one, other):
+            acting.silent_until = self.time + hold + settings.radio_rest
             if acting in self._acting:
                 self._stop(acting, hold)
         self.meetings.append(

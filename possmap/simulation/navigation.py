@@ -18,6 +18,7 @@ SHORTCUT_M = 0.3
 """Places of its track so near to each other are one, when it goes back; on the two sides of a thin
 wall it never was so near."""
 ARRIVED_M = 0.2
+ASIDE_M = 0.4
 TRIES = 8
 """To reach one place of the way back."""
 
@@ -89,22 +90,25 @@ class Navigation:
         steering = self._steering
         turn_at = self._until_random_turn()
         wanted = min(turn_at, LONGEST_RUN_M)
-        way, what, horizontal = self._perception.way_ahead(steering.body.place, wanted)
-        if way > 0.02:
-            yield from steering.run(way)
+        way = self._perception.way_ahead(steering.body.place, wanted)
+        if way.distance > 0.02 or way.stop == "bump":
+            yield from steering.run(way.distance)
             if steering.was_stopped:
                 return 0
-        if what == "free":
+        if steering.bumped:
+            yield from steering.turn(90.0 * self._side())
+            return 0
+        if way.stop == "free":
             if turn_at <= LONGEST_RUN_M:
                 yield from steering.turn(float(self._rng.choice([-90, -45, 45, 90])))
             return 0
-        if what != "wall":
+        if way.stop != "wall":
             yield from steering.turn(90.0 * self._side())
             return 0
         reading = self._perception.front(steering.body.place)
         if reading is not None:
             steering.note_ahead(reading, None)
-        return (yield from self._turn_along(horizontal, self._side()))
+        return (yield from self._turn_along(way.horizontal, self._side()))
 
     def _side(self) -> int:
         """Return which way to turn at an obstacle: +1 left with the probability P4, else -1."""
@@ -134,26 +138,27 @@ class Navigation:
             return 0
         turn_at = self._until_random_turn()
         wanted = min(turn_at, LONGEST_RUN_M)
-        way, what, horizontal = perception.way_ahead(place, wanted)
-        lasts = perception.wall_lasts(place, side, way) if way > 0 else way
-        if lasts < way:
-            past = min(way, lasts + self._settings.length / 2 + self._settings.gap)
+        way = perception.way_ahead(place, wanted)
+        free = way.distance
+        lasts = perception.wall_lasts(place, side, free) if free > 0 else free
+        if lasts < free:
+            past = min(free, lasts + self._settings.length / 2 + self._settings.gap)
             yield from steering.run(past, lined_up=True, wall_side=side)
             if steering.was_stopped:
                 return side
             return (yield from self._around(side))
-        if way > 0.02:
-            yield from steering.run(way, lined_up=True, wall_side=side)
+        if free > 0.02 or way.stop == "bump":
+            yield from steering.run(free, lined_up=True, wall_side=side)
             if steering.was_stopped:
                 return side
-        if what == "wall":
+        if way.stop == "wall":
             reading = perception.front(steering.body.place)
             if reading is not None:
                 steering.note_ahead(reading, (self._settings.length / 2 + reading, side * beside))
-            return (yield from self._turn_along(horizontal, -side))
-        if what == "free" and turn_at > LONGEST_RUN_M:
+            return (yield from self._turn_along(way.horizontal, -side))
+        if way.stop == "free" and turn_at > LONGEST_RUN_M:
             return side
-        away = 90.0 if what != "free" else float(self._rng.choice([45, 90]))
+        away = 90.0 if way.stop != "free" else float(self._rng.choice([45, 90]))
         yield from steering.turn(-side * away)
         return 0
 
@@ -164,11 +169,14 @@ class Navigation:
             return 0
         yield from steering.turn(90.0 * side)
         ahead = self._settings.width / 2 + 2 * self._settings.gap + self._settings.length / 2
-        way, what, horizontal = perception.way_ahead(steering.body.place, ahead)
-        if way > 0.02:
-            yield from steering.run(way)
-        if what == "wall" and way < ahead:
-            return (yield from self._turn_along(horizontal, -side))
+        way = perception.way_ahead(steering.body.place, ahead)
+        if way.distance > 0.02 or way.stop == "bump":
+            yield from steering.run(way.distance)
+        if steering.bumped:
+            yield from steering.turn(-90.0 * side)
+            return 0
+        if way.stop == "wall" and way.distance < ahead:
+            return (yield from self._turn_along(way.horizontal, -side))
         if perception.side(steering.body.place, side) is None:
             return 0
         heading = steering.body.place.heading
@@ -202,14 +210,24 @@ class Navigation:
                 return True
             away = math.degrees(math.remainder(math.atan2(dy, dx) - belief.heading, 2 * math.pi))
             yield from steering.turn(float(round(away)))
-            way, what, horizontal = perception.way_ahead(steering.body.place, distance)
-            if way > 0.05:
-                yield from steering.run(way)
-            elif what == "robot":
+            way = perception.way_ahead(steering.body.place, distance)
+            if way.distance > 0.05 or way.stop == "bump":
+                yield from steering.run(way.distance)
+            elif way.stop == "robot":
                 yield from steering.wait(2.0)
-            if what == "wall" and distance - way > ARRIVED_M:
-                yield from self._along_obstacle(horizontal, dx, dy)
+            if steering.bumped:
+                yield from self._aside(-steering.bumped)
+            elif way.stop == "wall" and distance - way.distance > ARRIVED_M:
+                yield from self._along_obstacle(way.horizontal, dx, dy)
         return False
+
+    def _aside(self, side: int) -> Steps:
+        """Step out of the way of what stands end-on before the robot, to one side."""
+        steering = self._steering
+        yield from steering.turn(90.0 * side)
+        free = self._perception.way_ahead(steering.body.place, ASIDE_M).distance
+        if free > 0.02:
+            yield from steering.run(free)
 
     def _along_obstacle(self, horizontal: bool, dx: float, dy: float) -> Steps:
         """Follow what is in the way for a while, to the side where the target lies."""
@@ -221,11 +239,14 @@ class Navigation:
         turn = math.remainder(way - steering.body.place.heading, 2 * math.pi)
         yield from self._turn_along(horizontal, 1 if turn > 0 else -1)
         side = -1 if turn > 0 else 1
-        free, _, _ = perception.way_ahead(steering.body.place, 1.2)
+        free = perception.way_ahead(steering.body.place, 1.2).distance
         lasts = perception.wall_lasts(steering.body.place, side, free) if free > 0 else 0.0
         clear = self._settings.length / 2 + 2 * self._settings.gap
         if free > 0.05:
             yield from steering.run(min(free, lasts + clear), lined_up=True, wall_side=side)
+        else:
+            # In a corner there is nothing to follow: out of it, and try again.
+            yield from self._aside(-side)
 
 
 def way_back(trail: list[tuple[float, float]]) -> list[tuple[float, float]]:

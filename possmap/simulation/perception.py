@@ -8,18 +8,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from possmap.core.records import CornerKind
 from possmap.simulation.body import Place
 from possmap.simulation.settings import MissionSettings
-from possmap.simulation.world import Floats, World
+from possmap.simulation.world import Ahead, Floats, World
 
 SAMPLE_M = 0.1
 """Between two readings to the side while running [m]."""
 JUMP_M = 0.15
 """A reading that differs more from the last is of another wall [m]."""
+SEEN_M = 0.02
+"""What the front sensor sees so little behind a wall is the wall [m]."""
 BEND_M = 0.02
 """So is one this far off the line of the last two [m]."""
 
@@ -30,6 +33,24 @@ Others = Callable[[Place, float, float], float | None]
 def strip_of(settings: MissionSettings) -> float:
     """Return half the width that a robot needs to pass [m]."""
     return settings.width / 2 + 0.02
+
+
+Stop: TypeAlias = Literal["free", "wall", "bump", "drop", "robot"]
+
+
+class Way(NamedTuple):
+    """How far the body can go, and what stops it.
+
+    distance : [m].
+    stop : ``free``: nothing within reach; ``bump``: a wall that no sensor sees.
+    horizontal : whether that wall is parallel to the x axis.
+    across : where a bump touches the front, left positive [m].
+    """
+
+    distance: float
+    stop: Stop
+    horizontal: bool = False
+    across: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,27 +87,45 @@ class Perception:
         noise: Floats = np.asarray(self._settings.ir_noise * self._rng.standard_normal(shape))
         return noise
 
-    def way_ahead(self, place: Place, reach: float) -> tuple[float, str, bool]:
-        """Return how far the body can go [m], what stops it, and whether that wall is horizontal.
+    def way_ahead(self, place: Place, reach: float) -> Way:
+        """Return how far the body can go, at most ``reach`` [m], and what stops it.
 
-        What stops it: ``free`` (nothing within reach), ``wall``, ``drop`` or ``robot``. It stops a
-        gap short of a wall, so that it can turn and follow it.
+        It stops a gap short of a wall that its sensors see, so that it can turn and follow it. What
+        they miss, such as the end of a wall that points at it beside its middle, it touches.
         """
         settings = self._settings
         nose = settings.length / 2
         stop = nose + settings.gap
         strip = strip_of(settings)
-        best, what, horizontal = reach, "free", False
+        way = Way(reach, "free")
         ahead = self._world.ahead(place.x, place.y, place.heading, strip, reach + stop)
-        if ahead is not None and ahead.distance - stop < best:
-            best, what, horizontal = max(0.0, ahead.distance - stop), "wall", ahead.horizontal
+        if ahead is not None:
+            short = max(0.0, ahead.distance - stop)
+            if self._is_seen(ahead, place.moved(short), strip):
+                if short < way.distance:
+                    way = Way(short, "wall", ahead.horizontal)
+            elif (contact := max(0.0, ahead.distance - nose)) < way.distance:
+                way = Way(contact, "bump", ahead.horizontal, ahead.across)
         drop = self._world.drop_ahead(place.x, place.y, place.heading, reach + nose)
-        if drop is not None and drop - nose - 0.05 < best:
-            best, what = max(0.0, drop - nose - 0.05), "drop"
+        if drop is not None and drop - nose - 0.05 < way.distance:
+            way = Way(max(0.0, drop - nose - 0.05), "drop")
         other = self._others(place, strip, reach + stop)
-        if other is not None and other - stop < best:
-            best, what = max(0.0, other - stop), "robot"
-        return best, what, horizontal
+        if other is not None and other - stop < way.distance:
+            way = Way(max(0.0, other - stop), "robot")
+        return way
+
+    def _is_seen(self, ahead: Ahead, stop: Place, strip: float) -> bool:
+        """Whether the sensors ahead see a wall from where the robot should stop before it."""
+        near = self._settings.length / 2 + self._settings.gap + strip + SEEN_M
+        straight = self._world.ahead(stop.x, stop.y, stop.heading, 0.0, near)
+        if straight is not None:
+            return True
+        for side in (1, -1):
+            aside = stop.heading + side * math.pi / 4
+            found = self._world.ahead(stop.x, stop.y, aside, 0.0, near * math.sqrt(2))
+            if found is not None and found.wall == ahead.wall:
+                return True
+        return False
 
     def front(self, place: Place) -> float | None:
         """Return the reading of the front sensor from the nose [m]; None beyond its range."""

@@ -23,7 +23,7 @@ _POSITIVE = (
 _NOT_NEGATIVE = (
     "anxious", "normal", "routine", "ir_noise", "gap", "rest_minutes", "turn_bias", "turn_bias_sd",
     "turn_noise", "along", "across", "drift", "scale_sd", "calibration_sd", "radio_range",
-    "radio_stop", "radio_pause", "seed",
+    "radio_stop", "radio_pause", "radio_rest", "seed",
 )  # fmt: skip
 
 
@@ -121,6 +121,8 @@ class MissionSettings:
     """Longest stop for a transfer [s]."""
     radio_pause: float = 30.0
     """Before the same two talk again [s]."""
+    radio_rest: float = 10.0
+    """Before a robot stops for anybody again [s]: or a crowd would never get away."""
     radio_loss: float = 0.1
     """Probability that a meeting passes unheard."""
 

@@ -7,19 +7,16 @@ runs the mission answers how much of it was done before something came in betwee
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
-from possmap.core.records import CornerKind
 from possmap.simulation.body import Body, Place
 from possmap.simulation.logbook import Logbook
 from possmap.simulation.perception import Perception, Sighting
 from possmap.simulation.settings import MissionSettings
 
 Track: TypeAlias = list[list[float]]
-Believed: TypeAlias = Callable[[float, float], tuple[float, float]]
-"""Turns a place in the robot's frame into one in its believed map [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +71,8 @@ class Steering:
         self.trail: list[tuple[float, float]] = []
         self.time = 0.0
         self.was_stopped = False
+        self.bumped = 0
+        """Which side of the front touched something at the last run, 0 for none."""
 
     def log(self) -> Logbook:
         """Return the log of the present excursion."""
@@ -108,6 +107,7 @@ class Steering:
         """Turn on the spot; what is believed is what was asked for."""
         if not asked_deg:
             return
+        self.bumped = 0
         start = self.body.place
         end = self.body.turned(asked_deg)
         seconds = abs(asked_deg) / self._settings.turn_rate
@@ -151,23 +151,45 @@ class Steering:
         start = body.place
         bend = body.bend(distance, lined_up)
         chord = replace(start, heading=start.heading + bend / 2)
-        way, _, _ = self.perception.way_ahead(chord, distance)
-        self.was_stopped = False
-        if way <= 0:
+        way = self.perception.way_ahead(chord, distance)
+        self.was_stopped, self.bumped = False, 0
+        if way.distance > 0:
+            bend, distance = bend * way.distance / distance, way.distance
+            # Along a circle, ends lie nearer than the way between them (METHOD §1).
+            x, y = chord.at(distance * (math.sin(bend / 2) / (bend / 2) if bend else 1.0), 0.0)
+            end = Place(x, y, start.heading + bend)
+            done = yield Motion(distance / self._settings.speed, start, end, moves=True)
+            self._after(done)
+            ran = distance * done.share
+            pieces = list(self.perception.beside(chord, ran)) if ran > 0 else []
+            followed = wall_side if lined_up else 0
+            if any(piece.side == followed for piece in pieces):
+                self._believe_right_angle(set_out)
+            body.place = Motion(1.0, start, end).at(done.share)
+            self._write_run(ran, pieces, followed)
+            if done.hold:
+                yield from self.wait(done.hold)
+                self.was_stopped = True
+        if way.stop == "bump" and not self.was_stopped:
+            yield from self._back_off(way.across)
+
+    def _back_off(self, across: float) -> Steps:
+        """After a bump, write down what was touched, and go back far enough to turn.
+
+        across : where the front touches it, left positive [m].
+        """
+        self.bumped = 1 if across >= 0 else -1
+        self._note_touched(self._settings.length / 2, across)
+        start = self.body.place
+        behind = replace(start, heading=start.heading + math.pi)
+        way = self.perception.way_ahead(behind, self._settings.gap)
+        if way.distance <= 0:
             return
-        bend, distance = bend * way / distance, way
-        # Along a circle, ends lie nearer than the way between them (METHOD §1).
-        x, y = chord.at(distance * (math.sin(bend / 2) / (bend / 2) if bend else 1.0), 0.0)
-        end = Place(x, y, start.heading + bend)
-        done = yield Motion(distance / self._settings.speed, start, end, moves=True)
+        end = start.moved(-way.distance)
+        done = yield Motion(way.distance / self._settings.speed, start, end, moves=True)
         self._after(done)
-        ran = distance * done.share
-        pieces = list(self.perception.beside(chord, ran)) if ran > 0 else []
-        followed = wall_side if lined_up else 0
-        if any(piece.side == followed for piece in pieces):
-            self._believe_right_angle(set_out)
-        body.place = Motion(1.0, start, end).at(done.share)
-        self._write_run(ran, pieces, followed)
+        self.body.place = Motion(1.0, start, end).at(done.share)
+        self._write_run(-way.distance * done.share, [], 0)
         if done.hold:
             yield from self.wait(done.hold)
             self.was_stopped = True
@@ -184,46 +206,42 @@ class Steering:
 
     def _write_run(self, ran: float, pieces: list[Sighting], followed: int) -> None:
         """Write down what passed by, then the pose, in the frame of what is believed."""
-        pose = self.log().belief.logged
         counted = self.body.logged(ran)
         stretch = counted / ran if ran else 1.0
-        cos, sin = (
-            math.cos(math.radians(pose.heading_deg)),
-            math.sin(math.radians(pose.heading_deg)),
-        )
-
-        def believed(ahead: float, left: float) -> tuple[float, float]:
-            ahead *= stretch
-            return pose.x + ahead * cos - left * sin, pose.y + ahead * sin + left * cos
-
         for piece in pieces:
-            self._write_piece(piece, believed, piece.side == followed)
+            self._write_piece(piece, stretch, piece.side == followed)
         if counted:
-            self.note_pose(pose.x + counted * cos, pose.y + counted * sin, pose.heading_deg)
+            x, y = self._believed(counted, 0.0)
+            self.note_pose(x, y, self.log().belief.logged.heading_deg)
 
-    def _write_piece(self, piece: Sighting, believed: Believed, followed: bool) -> None:
+    def _write_piece(self, piece: Sighting, stretch: float, followed: bool) -> None:
+        """Write a wall, and its end; as the wheels count, way ahead is stretched."""
         book = self.log()
-        at, to = believed(piece.x, piece.y), believed(piece.x2, piece.y2)
+        at = self._believed(piece.x * stretch, piece.y)
+        to = self._believed(piece.x2 * stretch, piece.y2)
         book.wall(self.time, *at, *to, followed)
         if piece.ended is not None:
             x, y, kind = piece.ended
-            book.corner(self.time, *believed(x, y), kind)
+            book.corner(self.time, *self._believed(x * stretch, y), kind)
 
     def note_ahead(self, reading: float, corner: tuple[float, float] | None) -> None:
         """Write down a wall ahead, seen at standstill, and perhaps the corner that it makes.
 
         reading : from the nose [m]; corner : in the robot's frame [m].
         """
-        pose = self.log().belief.logged
-        cos, sin = (
-            math.cos(math.radians(pose.heading_deg)),
-            math.sin(math.radians(pose.heading_deg)),
-        )
         ahead = self._settings.length / 2 + reading
-        x, y = pose.x + ahead * cos, pose.y + ahead * sin
-        self.log().wall(self.time, x, y, x, y, followed=False)
+        self._note_touched(ahead, 0.0)
         if corner is not None:
-            kind: CornerKind = "concave"
-            x = pose.x + corner[0] * cos - corner[1] * sin
-            y = pose.y + corner[0] * sin + corner[1] * cos
-            self.log().corner(self.time, x, y, kind)
+            self.log().corner(self.time, *self._believed(*corner), "concave")
+
+    def _note_touched(self, ahead: float, left: float) -> None:
+        """Write down a single reading of a wall, in the robot's frame [m]."""
+        at = self._believed(ahead, left)
+        self.log().wall(self.time, *at, *at, followed=False)
+
+    def _believed(self, ahead: float, left: float) -> tuple[float, float]:
+        """Return where something in the robot's frame [m] is believed to be."""
+        pose = self.log().belief.logged
+        heading = math.radians(pose.heading_deg)
+        cos, sin = math.cos(heading), math.sin(heading)
+        return pose.x + ahead * cos - left * sin, pose.y + ahead * sin + left * cos

@@ -22,10 +22,14 @@ class Ahead(NamedTuple):
     """The first wall in a robot's way: how far off along its heading [m], and where it lies.
 
     horizontal : whether it is parallel to the x axis.
+    across : where its nearest part lies to the side, left positive [m].
+    wall : x, y, x2, y2 [m].
     """
 
     distance: float
     horizontal: bool
+    across: float
+    wall: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -182,4 +186,10 @@ def _first(
         return None
     distance = np.where(hit, np.maximum(nearest, 0.0), math.inf)
     wall = int(np.argmin(distance))
-    return Ahead(float(distance[wall]), bool(walls[wall, 1] == walls[wall, 3]))
+    near = enter if at_enter[wall] <= at_leave[wall] else leave
+    return Ahead(
+        float(distance[wall]),
+        bool(walls[wall, 1] == walls[wall, 3]),
+        float(across[wall] + near[wall] * rise[wall]),
+        tuple(walls[wall].tolist()),
+    )
