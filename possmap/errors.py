@@ -17,10 +17,6 @@ class SettingsError(PossmapError):
     """A setting that is unknown, out of range, or contradicts those of the grid."""
 
 
-class NotYetError(SettingsError):
-    """A setting, rightly spelt, that this version does not have yet."""
-
-
 class LogError(PossmapError):
     """A place in a partial-map log that cannot be trusted.
 

@@ -12,9 +12,11 @@ from possmap.app.judge import Judge
 from possmap.app.progress import Progress, quiet
 from possmap.app.settings import Request, in_force
 from possmap.core.correction import correct
+from possmap.core.estimators import at_start
 from possmap.core.model import ErrorModel
-from possmap.core.propagation import PoseError, at_start, propagate
+from possmap.core.propagation import PoseError, propagate
 from possmap.core.records import KIND_OF, PartialMap, Pose
+from possmap.core.settings import Estimator
 from possmap.core.track import stretches, waiting
 from possmap.errors import PossmapError
 from possmap.files.logs.delivery import LogFile
@@ -108,14 +110,16 @@ def _inspections(log: LogFile, settings: Settings) -> Iterator[Inspection]:
         version = delivery.version
         robot = settings.robots.get(version.robot, {})
         model = settings.evidence.model_in_force(version.model, robot)
-        yield _inspect(version, delivery.carrier, model)
+        last = _last_error(version, model, settings.evidence.estimator)
+        yield _inspect(version, delivery.carrier, last)
 
 
-def _inspect(version: PartialMap, carrier: tuple[str, str] | None, model: ErrorModel) -> Inspection:
+def _inspect(
+    version: PartialMap, carrier: tuple[str, str] | None, last: PoseError | None
+) -> Inspection:
     track = stretches(version.records)
     turns = [stretch.turn_deg for stretch in track if stretch.turn_deg]
     times = [record.t for record in version.records if record.t is not None]
-    last = _last_error(version, model)
     return Inspection(
         robot=version.robot,
         excursion=version.excursion,
@@ -132,10 +136,11 @@ def _inspect(version: PartialMap, carrier: tuple[str, str] | None, model: ErrorM
     )
 
 
-def _last_error(version: PartialMap, model: ErrorModel) -> PoseError | None:
+def _last_error(version: PartialMap, model: ErrorModel, estimator: Estimator) -> PoseError | None:
     """Return the error at the last pose, None without a pose."""
     first = next((record for record in version.records if isinstance(record, Pose)), None)
     if first is None:
         return None
-    errors = propagate(first, correct(stretches(version.records), model), model)
-    return errors[-1].after if errors else at_start(first)
+    start = at_start(first, estimator)
+    errors = propagate(start, correct(stretches(version.records), model), model)
+    return errors[-1].after if errors else start

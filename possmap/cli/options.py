@@ -80,7 +80,8 @@ def settings(command: F) -> F:
         click.option(
             "--profile",
             type=click.Choice(["paper", "robust"]),
-            help="A shipped set of settings; robust is not in this version.",
+            help="A shipped set of settings; robust needs robots with a turn_spread <= 0.5."
+            "  [default: paper]",
         ),
     ):
         command = option(command)
@@ -116,13 +117,11 @@ def request(
 
 
 def _given(name: str, text: str, origin: str) -> GivenSettings:
-    from possmap.errors import NotYetError, SettingsError
+    from possmap.errors import SettingsError
     from possmap.files.setting_table import parse_setting
 
     try:
         return {name: parse_setting(name, text, origin)}
-    except NotYetError:
-        raise  # rightly spelt: not wrong usage
     except SettingsError as error:
         raise click.UsageError(str(error)) from error
 

@@ -9,6 +9,7 @@ from enum import IntEnum
 
 from possmap.core.clip import ClipLine, clip_lines
 from possmap.core.correction import CorrectedStretch, correct
+from possmap.core.estimators import at_start
 from possmap.core.model import ErrorModel
 from possmap.core.propagation import ErrorRectangle, StretchErrors, propagate
 from possmap.core.records import Beam, PartialMap, Pose, Wall
@@ -29,7 +30,7 @@ class Layer(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A straight line of stamps between two places, the rectangle growing linearly (METHOD §2).
+    """A straight line of stamps between two places, the rectangle changing linearly (METHOD §2).
 
     record : index, in the excursion, of the record that says so.
     x0, y0, x1, y1 : the places [m]; the same place twice is a single stamp.
@@ -109,10 +110,10 @@ def findings(excursion: PartialMap, model: ErrorModel, settings: EvidenceSetting
     first = next((record for record in excursion.records if isinstance(record, Pose)), None)
     if first is not None:
         track = correct(stretches(excursion.records), model)
-        errors = propagate(first, track, model)
-        start = ErrorRectangle(first.error_x, first.error_y)
+        start = at_start(first, settings.estimator)
+        errors = propagate(start, track, model)
         geometry[excursion.records.index(first)] = Geometry.of_point(
-            first.x, first.y, start, first.heading_deg
+            first.x, first.y, start.rectangle, first.heading_deg
         )
         for stretch, error in zip(track, errors, strict=True):
             geometry.update(_lay_out(stretch, error, model))

@@ -1,20 +1,21 @@
-"""How far off the robot may be: error rectangles along the track (METHOD §1; the paper's §3.1).
+"""How far off the robot may be along its track: what all estimators share (METHOD §1).
 
-This is the estimator ``linear``, the paper's: half-widths never shrink, and a heading error shows
-as growth of the rectangle during each run.
+An estimator is a kind of ``PoseError``: a value that tells its rectangle and carries itself along
+runs and through turns (``core/linear.py``, ``core/heading.py``; by name in ``core/estimators.py``).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Protocol
 
 from possmap.core.correction import CorrectedStretch
 from possmap.core.model import ErrorModel
-from possmap.core.records import Pose
 
 RIGHT_ANGLE = math.pi / 2
+"""No heading's half-width is larger [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,25 +44,25 @@ class ErrorRectangle:
         return ErrorRectangle(self.half_x + by_x, self.half_y + by_y)
 
 
-@dataclass(frozen=True, slots=True)
-class PoseError:
-    """What may be wrong with a pose.
+class PoseError(Protocol):
+    """What may be wrong with a pose, as one estimator keeps it; a step returns a new value."""
 
-    Attributes
-    ----------
-    rectangle
-        Around the corrected place.
-    heading_half
-        Half-width H of the heading [rad], at most a right angle.
-    run_heading_half, run_length
-        H at the start of the run so far [rad], and how long that run is [m]: runs that follow no
-        wall, with no turn between them, count as one.
-    """
+    @property
+    def rectangle(self) -> ErrorRectangle:
+        """Around the corrected place."""
 
-    rectangle: ErrorRectangle
-    heading_half: float
-    run_heading_half: float = 0.0
-    run_length: float = 0.0
+    @property
+    def heading_half(self) -> float:
+        """Half-width H of the heading [rad], at most a right angle."""
+
+    def after_run(self, run: CorrectedStretch, model: ErrorModel) -> PoseError:
+        """Carry it along a run in free space, or past walls that were only seen."""
+
+    def after_following(self, run: CorrectedStretch, model: ErrorModel) -> PoseError:
+        """Carry it along a followed wall, with which the robot has lined up."""
+
+    def after_turn(self, turn_deg: float, model: ErrorModel) -> PoseError:
+        """Carry it through a turn, which is not 0 [deg]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,76 +80,23 @@ class StretchErrors:
     after: PoseError
 
 
-def at_start(pose: Pose) -> PoseError:
-    """Return the first pose's own error, zero unless the log says otherwise."""
-    heading_half = min(RIGHT_ANGLE, math.radians(pose.error_heading_deg))
-    return PoseError(ErrorRectangle(pose.error_x, pose.error_y), heading_half)
-
-
-def after_run(error: PoseError, run: CorrectedStretch, model: ErrorModel) -> PoseError:
-    """Grow ``error`` by a run in free space, or past walls that were only seen (METHOD §1)."""
-    spread = math.radians(model.drift_spread)
-    so_far = error.run_length
-    first_half = error.run_heading_half if so_far else error.heading_half
-
-    def gained(distance: float) -> tuple[float, float]:
-        half = min(RIGHT_ANGLE, first_half + spread * distance / 2)
-        return (
-            model.along * distance + distance * (1 - math.cos(half)),
-            model.across * distance + distance * math.sin(half),
-        )
-
-    along, across = gained(so_far + run.length)
-    if so_far:
-        along_before, across_before = gained(so_far)
-        # Both terms grow with distance; rounding must not make a half-width shrink.
-        along, across = max(0.0, along - along_before), max(0.0, across - across_before)
-    cos, sin = abs(run.along[0]), abs(run.along[1])
-    return PoseError(
-        error.rectangle.grown(cos * along + sin * across, sin * along + cos * across),
-        min(RIGHT_ANGLE, first_half + spread * (so_far + run.length)),
-        first_half,
-        # Without a spread of the drift growth is linear, and a run needs no memory.
-        so_far + run.length if spread else 0.0,
-    )
-
-
-def after_following(error: PoseError, run: CorrectedStretch, model: ErrorModel) -> PoseError:
-    """Grow ``error`` by a run along a followed wall: only along it; the heading is the wall's."""
-    along = model.along * run.length
-    return PoseError(
-        error.rectangle.grown(abs(run.along[0]) * along, abs(run.along[1]) * along),
-        min(RIGHT_ANGLE, math.radians(model.alignment_spread)),
-    )
-
-
-def after_turn(error: PoseError, turn_deg: float, model: ErrorModel) -> PoseError:
-    """Grow the heading's half-width by a turn; a turn ends the run so far."""
-    if turn_deg == 0:
-        return error
-    gained = math.radians(model.turn_spread * abs(turn_deg) / 45)
-    return replace(
-        error, heading_half=min(RIGHT_ANGLE, error.heading_half + gained), run_length=0.0
-    )
-
-
 def after_stretch(before: PoseError, stretch: CorrectedStretch, model: ErrorModel) -> StretchErrors:
-    """Carry a pose's error along one stretch, and through the turn that ends it."""
-    at_end = before
+    """Carry a pose's error along one stretch: first the run, then the turn that ends it."""
+    at_end, turn_deg = before, stretch.logged.turn_deg
     if stretch.logged.is_followed:
-        at_end = after_following(before, stretch, model)
+        at_end = before.after_following(stretch, model)
     elif stretch.logged.is_run:
-        at_end = after_run(before, stretch, model)
-    after = after_turn(at_end, stretch.logged.turn_deg, model)
+        at_end = before.after_run(stretch, model)
+    after = at_end.after_turn(turn_deg, model) if turn_deg else at_end
     return StretchErrors(before.rectangle, at_end.rectangle, at_end.heading_half, after)
 
 
 def propagate(
-    first: Pose, track: Iterable[CorrectedStretch], model: ErrorModel
+    start: PoseError, track: Iterable[CorrectedStretch], model: ErrorModel
 ) -> list[StretchErrors]:
     """Carry the first pose's error along the corrected track, stretch by stretch."""
     errors: list[StretchErrors] = []
-    now = at_start(first)
+    now = start
     for stretch in track:
         errors.append(after_stretch(now, stretch, model))
         now = errors[-1].after

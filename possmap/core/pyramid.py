@@ -57,17 +57,20 @@ def count_of(segment: Segment, resolution: float) -> int:
 
 
 def relevant(segment: Segment, resolution: float, max_error: float) -> tuple[int, int] | None:
-    """Return the first and last k whose pyramid may have a height, or None if none has.
+    """Return the first and last k whose pyramid has a height, or None if none has.
 
-    Half-widths are linear in k, so those below ``max_error`` are consecutive; the bounds may be a
-    stamp too wide, where rounding decides.
+    Half-widths are linear in k, growing or shrinking, so those below ``max_error`` are consecutive.
     """
     n = 0 if _is_point(segment) else count_of(segment, resolution)
+    one, other = segment.rect0, segment.rect1
+    sides = ((one.half_x, other.half_x), (one.half_y, other.half_y))
+
+    def too_wide(k: int) -> bool:
+        share = k / max(1, n)
+        return any(half0 + share * (half1 - half0) >= max_error for half0, half1 in sides)
+
     first, last = 0, n
-    for half0, half1 in (
-        (segment.rect0.half_x, segment.rect1.half_x),
-        (segment.rect0.half_y, segment.rect1.half_y),
-    ):
+    for half0, half1 in sides:
         if min(half0, half1) >= max_error:
             return None
         if max(half0, half1) > max_error:
@@ -76,6 +79,11 @@ def relevant(segment: Segment, resolution: float, max_error: float) -> tuple[int
                 last = min(last, math.ceil(crossing) + 1)
             else:
                 first = max(first, math.floor(crossing) - 1)
+    # One too many has no height, but may be so wide that looking at its tiles takes for ever.
+    while first <= last and too_wide(first):
+        first += 1
+    while first <= last and too_wide(last):
+        last -= 1
     return (first, last) if first <= last else None
 
 

@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias
 from possmap.core.model import ErrorModel
 from possmap.core.records import OwnModel
 
-Estimator: TypeAlias = Literal["linear"]
+Estimator: TypeAlias = Literal["linear", "heading"]
 Independence: TypeAlias = Literal["detection", "excursion"]
 
 
@@ -23,7 +23,8 @@ class EvidenceSettings:
     resolution
         Metres per cell, > 0.
     estimator
-        How error rectangles are propagated; ``linear`` is the paper's.
+        How error rectangles are propagated: ``linear`` is the paper's; ``heading`` needs
+        calibrated robots, ``turn_spread`` <= 0.5.
     independence
         ``detection``: every detection of a wall is independent evidence (the paper);
         ``excursion``: only those of different excursions are.

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import NamedTuple, TypeAlias
 
 from possmap.core.model import LARGEST, PARAMETERS, check_parameter
-from possmap.errors import NotYetError, SettingsError, did_you_mean, shown
+from possmap.errors import SettingsError, did_you_mean, shown
 from possmap.files.logs.fields import NAME
 
 Value: TypeAlias = bool | int | float | str
@@ -23,10 +23,6 @@ class Given(NamedTuple):
 
 GivenSettings: TypeAlias = Mapping[str, Given]
 """Flat name -> value; a robot's parameter is named ``robots.NAME.parameter``."""
-
-
-class _NotYet(Exception):
-    """A value that a later version will have."""
 
 
 class _Wrong(Exception):
@@ -90,10 +86,8 @@ def _parameter(name: str) -> Callable[[str], float]:
     return parse
 
 
-def _one_of(*words: str, later: str = "") -> Callable[[str], str]:
+def _one_of(*words: str) -> Callable[[str], str]:
     def parse(text: str) -> str:
-        if text and text == later:
-            raise _NotYet(f"which this version does not have yet; it has {', '.join(words)}")
         if text not in words:
             raise _Wrong(f"expected {' or '.join(words)}{did_you_mean(text, words)}")
         return text
@@ -112,7 +106,8 @@ SHAPING: Mapping[str, Setting] = MappingProxyType(
     {
         "resolution": Setting(_resolution, "metres per cell"),
         "estimator": Setting(
-            _one_of("linear", later="heading"), "how error rectangles grow; linear: the paper's"
+            _one_of("linear", "heading"),
+            "linear: the paper's; heading: needs turn_spread <= 0.5",
         ),
         "independence": Setting(
             _one_of("detection", "excursion"), "what counts as independent: detection or excursion"
@@ -185,8 +180,6 @@ def parse_setting(name: str, text: str, origin: str) -> Given:
         return Given(setting.parse(text), origin)
     except _Wrong as wrong:
         raise SettingsError(f"{origin}: {name}, found {shown(text)}, {wrong}") from None
-    except _NotYet as later:
-        raise NotYetError(f"{origin}: {name}, found {shown(text)}, {later}") from None
 
 
 def known_setting(name: str, origin: str) -> Setting:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import yaml
 
-from possmap.errors import NotYetError, printable, shown
+from possmap.errors import printable
 from possmap.files.setting_table import Given, GivenSettings, known_setting, parse_setting
 from possmap.files.yaml_nodes import is_null, members, read_yaml, scalar_text
 
@@ -20,19 +20,8 @@ def shipped(name: str) -> Path:
 
 
 def read_profile(name: str) -> GivenSettings:
-    """Return the settings of a shipped profile.
-
-    Raises
-    ------
-    SettingsError
-        For ``robust``, which this version does not have yet.
-    """
-    path = shipped(f"{name}.yaml")
-    if not path.exists():
-        raise NotYetError(
-            f"--profile, found {shown(name)}, which this version does not have yet; it has paper"
-        )
-    given = read_settings(path)
+    """Return the settings of a shipped profile."""
+    given = read_settings(shipped(f"{name}.yaml"))
     return {key: Given(value, f"--profile {name}") for key, (value, _) in given.items()}
 
 

@@ -7,6 +7,7 @@ from typing import Any, TypeAlias
 
 from possmap.core.model import ErrorModel
 from possmap.core.records import Beam, Corner, CornerKind, Meet, Pose, Record, Sighting, Wall
+from possmap.core.settings import Estimator
 from possmap.simulation.odometry import Belief, setting_out
 
 RECORD_BYTES = 24
@@ -27,11 +28,18 @@ class Held:
 class Logbook:
     """Writes down one excursion as it happens, to 0.1 mm and 0.01°, and keeps its belief."""
 
-    def __init__(self, name: Name, own_model: Mapping[str, float], model: ErrorModel) -> None:
+    def __init__(
+        self,
+        name: Name,
+        own_model: Mapping[str, float],
+        model: ErrorModel,
+        estimator: Estimator = "linear",
+    ) -> None:
         self.name = name
         self.own = Held(own_model)
         self.relayed: dict[Name, Held] = {}
         self._model = model
+        self._estimator: Estimator = estimator
         self._seen: list[Sighting] = []
         self._belief: Belief | None = None
 
@@ -55,7 +63,7 @@ class Logbook:
         x, y, heading_deg, t = round(x, 4), round(y, 4), round(heading_deg, 2), round(t, 2)
         pose = Pose(len(self.own.records), t, x + 0.0, y + 0.0, heading_deg + 0.0)
         if self._belief is None:
-            self._belief = setting_out(pose)
+            self._belief = setting_out(pose, self._estimator)
         else:
             self._belief = self._belief.after(pose, tuple(self._seen), self._model)
         self._seen.clear()

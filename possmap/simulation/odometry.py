@@ -6,9 +6,11 @@ import math
 from dataclasses import dataclass
 
 from possmap.core.correction import Believed, advance
+from possmap.core.estimators import at_start
 from possmap.core.model import ErrorModel
-from possmap.core.propagation import PoseError, after_stretch, at_start
+from possmap.core.propagation import PoseError, after_stretch
 from possmap.core.records import Pose, Sighting
+from possmap.core.settings import Estimator
 from possmap.core.track import Stretch
 
 
@@ -43,6 +45,6 @@ class Belief:
         return Belief(pose, corrected, after_stretch(self.error, laid, model).after)
 
 
-def setting_out(pose: Pose) -> Belief:
-    """Return the belief at the start of an excursion."""
-    return Belief(pose, Believed((pose.x, pose.y)), at_start(pose))
+def setting_out(pose: Pose, estimator: Estimator = "linear") -> Belief:
+    """Return the belief at the start of an excursion, and with it how its error is estimated."""
+    return Belief(pose, Believed((pose.x, pose.y)), at_start(pose, estimator))

@@ -1,4 +1,7 @@
-"""The error model: what is known is corrected, what is unknown grows (METHOD §1, paper §3)."""
+"""The error model: what is known is corrected, what is unknown grows (METHOD §1, paper §3).
+
+Errors grow here as the estimator ``linear`` says; ``heading`` has tests of its own.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +13,9 @@ from hypothesis import strategies as st
 
 from possmap.core.angles import wrap_degrees
 from possmap.core.correction import CorrectedStretch, correct
+from possmap.core.linear import LinearError
 from possmap.core.model import ErrorModel
-from possmap.core.propagation import PoseError, after_turn, at_start, propagate
+from possmap.core.propagation import PoseError, propagate
 from possmap.core.records import Pose, Record, Wall
 from possmap.core.track import stretches, waiting
 
@@ -51,8 +55,9 @@ def run(records: list[Record], model: ErrorModel) -> tuple[list[CorrectedStretch
     track = correct(stretches(records), model)
     first = records[0]
     assert isinstance(first, Pose)
-    errors = propagate(first, track, model)
-    return track, errors[-1].after if errors else at_start(first)
+    start = LinearError.at_start(first)
+    errors = propagate(start, track, model)
+    return track, errors[-1].after if errors else start
 
 
 def test_a_known_drift_bends_a_run_into_an_arc_and_its_chord_is_shorter() -> None:
@@ -101,8 +106,9 @@ def test_ten_feet_straight_grow_the_papers_rectangle() -> None:
 def test_half_widths_never_shrink(records: list[Record], model: ErrorModel) -> None:
     first = records[0]
     assert isinstance(first, Pose)
-    errors = propagate(first, correct(stretches(records), model), model)
-    before = at_start(first).rectangle
+    start = LinearError.at_start(first)
+    errors = propagate(start, correct(stretches(records), model), model)
+    before = start.rectangle
     for error in errors:
         assert error.start == before
         assert error.end.half_x >= before.half_x and error.end.half_y >= before.half_y
@@ -150,9 +156,9 @@ def test_turns_are_wrapped_and_a_half_turn_is_a_left_turn(angle: float) -> None:
 
 @given(st.floats(0, 100), degrees)
 def test_the_headings_half_width_stops_at_a_right_angle(spread: float, turn: float) -> None:
-    error = at_start(Pose(0, None, 0, 0, 0))
+    error = LinearError.at_start(Pose(0, None, 0, 0, 0))
     for _ in range(50):
-        error = after_turn(error, wrap_degrees(turn), ErrorModel(turn_spread=spread))
+        error = error.after_turn(wrap_degrees(turn), ErrorModel(turn_spread=spread))
     assert error.heading_half <= math.pi / 2
 
 

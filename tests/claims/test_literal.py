@@ -2,22 +2,39 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from literal.method import literal_grid
+from literal.method import literal_grid, literal_half_widths
 from literal.teams import random_team
-from teams import cells, fuse, largest_difference, write_logs
+from teams import ROBUST, cells, flat_settings, fuse, largest_difference, write_logs
+
+from possmap.core.correction import correct
+from possmap.core.estimators import at_start
+from possmap.core.propagation import propagate
+from possmap.core.records import Pose
+from possmap.core.track import stretches
+from possmap.files.limits import Limits
+from possmap.files.logs import read_log
+from possmap.files.settings import assemble
 
 TEAMS = 300
 GROUPS = 10
 
 
+@pytest.mark.parametrize("options", [{}, ROBUST], ids=["any", "robust"])
 @pytest.mark.parametrize("group", range(GROUPS))
-def test_random_teams_fuse_to_what_the_literal_method_says(group: int, tmp_path: Path) -> None:
+def test_random_teams_fuse_to_what_the_literal_method_says(
+    group: int, options: Mapping[str, Any], tmp_path: Path
+) -> None:
+    """Any settings, and those of the profile ``robust`` with any error model."""
     for number in range(group, TEAMS, GROUPS):
-        logs, settings = random_team(np.random.default_rng(number))
+        logs, drawn = random_team(np.random.default_rng(number))
+        settings = {**drawn, **options}
         grid = tmp_path / f"{number}.possmap"
         fuse(write_logs(tmp_path / str(number), logs), grid, settings)
         expected = literal_grid(logs, settings)
@@ -25,3 +42,34 @@ def test_random_teams_fuse_to_what_the_literal_method_says(group: int, tmp_path:
         assert largest_difference(necessity, expected.necessity, 0.0) < 1e-4, number
         assert largest_difference(possibility, expected.possibility, 1.0) < 1e-4, number
         assert largest_difference(points, expected.points, 0.0) < 1e-4, number
+
+
+@pytest.mark.parametrize("group", range(GROUPS))
+@pytest.mark.parametrize("estimator", ["linear", "heading"])
+def test_random_tracks_have_the_errors_that_the_literal_method_says(
+    estimator: str, group: int, tmp_path: Path
+) -> None:
+    """To 1e-9, squared where a difference of squares may be nothing but rounding."""
+    for number in range(group, TEAMS, GROUPS):
+        logs, drawn = random_team(np.random.default_rng(number))
+        settings = {**drawn, "estimator": estimator}
+        assembled = assemble(flat_settings(settings))
+        for log, path in zip(logs, write_logs(tmp_path / str(number), logs), strict=True):
+            version = read_log(path, Limits()).deliveries[0].version
+            if not any(isinstance(record, Pose) for record in version.records):
+                continue
+            robot = assembled.robots.get(version.robot, {})
+            model = assembled.evidence.model_in_force(version.model, robot)
+            track = correct(stretches(version.records), model)
+            first = next(record for record in version.records if isinstance(record, Pose))
+            now = at_start(first, assembled.evidence.estimator)
+            found = [now, *(error.after for error in propagate(now, track, model))]
+            for error, expected in zip(found, literal_half_widths(log, settings), strict=True):
+                rect = error.rectangle
+                for half, literal in (
+                    (rect.half_x, expected.half_x),
+                    (rect.half_y, expected.half_y),
+                    (error.heading_half, math.radians(expected.heading)),
+                ):
+                    close = abs(half - literal) < 1e-9
+                    assert close or abs(half**2 - literal**2) < 1e-15, number

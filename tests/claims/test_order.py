@@ -9,16 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 from literal.teams import as_csv, as_jsonl, random_team
-from teams import digest, fuse, write_logs
+from teams import ROBUST, digest, fuse, write_logs
 
 Log = dict[str, Any]
 SEEDS = range(40)
 
 
 def team(seed: int, **settings: object) -> tuple[list[Log], dict[str, Any], np.random.Generator]:
+    """Draw logs and settings; every other team's are those of the profile ``robust``."""
     rng = np.random.default_rng(1000 + seed)
     logs, given = random_team(rng)
-    return logs, {**given, **settings}, rng
+    return logs, {**given, **(ROBUST if seed % 2 else {}), **settings}, rng
 
 
 def cut(log: Log, count: int) -> Log:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from literal.cell_to_cell import pyramid_cell_to_cell
 
 from possmap.core.evidence import Segment
-from possmap.core.lattice import Window
+from possmap.core.lattice import TileKey, Window
 from possmap.core.propagation import ErrorRectangle
 from possmap.core.pyramid import FULL, Values, swept_cells
 from possmap.core.stamping import Piece, extent, pieces, stamp
@@ -101,3 +101,15 @@ def test_a_segment_stamped_in_parts_is_the_segment(
     stamp(parts, window, Piece(segment, 0, cut), 0.05, 1.0)
     stamp(parts, window, Piece(segment, cut, n), 0.05, 1.0)
     assert np.array_equal(whole, parts)
+
+
+@given(st.tuples(*[st.floats(0, 0.9)] * 2), st.tuples(*[st.floats(1, 1e40)] * 2), st.booleans())
+def test_a_rectangle_that_outgrows_the_largest_error_touches_no_tile_more(
+    small: tuple[float, ...], large: tuple[float, ...], shrinks: bool
+) -> None:
+    """Error models may be absurd; at 1e40 m the tiles would be too many to look at."""
+    rects = [ErrorRectangle(*small), ErrorRectangle(*large)]
+    segment = Segment(0, 5.0, 5.0, 5.0, 5.2, *(reversed(rects) if shrinks else rects))
+    assert {key for key, _ in pieces(segment, 0.05, 1.0)} <= {TileKey(0, 0)}
+    # On the way down from 1e40 m, doubles forget what it goes down to.
+    assert shrinks or stamped(segment, Window(0, 200, 0, 200), 0.05, 1.0).any()

@@ -244,16 +244,36 @@ def test_wrong_usage_ends_with_2(args: list[str], complaint: str) -> None:
     assert (result.stdout, result.exit_code) == ("", 2)
 
 
-def test_the_estimator_heading_is_refused_clearly() -> None:
-    result = run("config", "--set", "estimator=heading")
-    expected = '--set: estimator, found "heading", which this version does not have yet'
-    assert (result.stderr, result.exit_code) == (f"possmap: {expected}; it has linear\n", 1)
+def test_the_profile_robust_is_the_methods_and_leaves_the_rest_alone() -> None:
+    robust = {
+        "estimator": "heading",
+        "independence": "excursion",
+        "free_along_walls": True,
+        "free_along_beams": True,
+        "clip_coobserved": True,
+    }
+    assert in_force("--profile", "robust") == {**in_force(), **robust}
+    paper = in_force("--profile", "robust", "--set", "estimator=linear")
+    assert paper["estimator"] == "linear", "--set beats --profile"
 
 
-def test_the_profile_robust_is_refused_clearly(tmp_path: Path) -> None:
-    result = run("config", "--profile", "robust")
-    expected = '--profile, found "robust", which this version does not have yet; it has paper'
-    assert (result.stderr, result.exit_code) == (f"possmap: {expected}\n", 1)
+def test_a_grid_made_with_robust_keeps_it(tmp_path: Path) -> None:
+    grid = fused(tmp_path, "--profile", "robust", "--set", "turn_spread=0.4")
+    assert in_force("-g", grid)["estimator"] == "heading"
+    assert in_force("-g", grid, "--profile", "robust")["turn_spread"] == 0.4
+    again = run("fuse", tmp_path / "a.json", "-g", grid, "--profile", "paper")
+    assert "estimator, found linear, but" in again.stderr
+    assert again.exit_code == 1
+
+
+def test_the_estimator_heading_alone_can_be_asked_for(tmp_path: Path) -> None:
+    grid = fused(tmp_path, "--set", "estimator=heading")
+    assert in_force("-g", grid) == {**in_force(), "estimator": "heading"}
+
+
+def test_an_estimator_is_offered_with_what_it_needs() -> None:
+    assert "linear: the paper's; heading: needs turn_spread <= 0.5" in run("config").output
+    assert "turn_spread <= 0.5" in " ".join(run("fuse", "--help").output.split())
 
 
 def test_a_wrong_file_is_refused_with_its_line(tmp_path: Path) -> None:

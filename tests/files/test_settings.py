@@ -107,8 +107,8 @@ def test_each_value_knows_its_line(tmp_path: Path) -> None:
         ("limit_nesting: 1.5", '1: limit_nesting, found "1.5", expected a whole number > 0'),
         ("base_rate: 1", '1: base_rate, found "1", expected a number between 0 and 1'),
         (
-            "estimator: heading",
-            '1: estimator, found "heading", which this version does not have yet; it has linear',
+            "estimator: haeding",
+            '1: estimator, found "haeding", expected linear or heading, did you mean "heading"?',
         ),
         (
             "independence: excursoin",
@@ -213,7 +213,7 @@ def test_any_text_is_read_or_refused_in_one_line(
 def values(name: str) -> st.SearchStrategy[Any]:
     """Return the values that a setting may have."""
     if name == "estimator":
-        return st.just("linear")
+        return st.sampled_from(["linear", "heading"])
     if name == "independence":
         return st.sampled_from(["detection", "excursion"])
     if name.startswith(("free_", "clip_", "accept_")):

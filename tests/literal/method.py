@@ -1,4 +1,4 @@
-"""METHOD.md sections 0 to 3, read aloud for the estimator ``linear``.
+"""METHOD.md sections 0 to 3, read aloud for both estimators.
 
 Slow on purpose: plain doubles, one cell after the other, in the order in which the method is
 written down: correction (section 1), propagation (section 1), evidence (section 2), fusion
@@ -12,23 +12,28 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 Cell = tuple[int, int]
 Layer = dict[Cell, float]
 JsonObject = Mapping[str, object]
 
-# Section 1, the table; `turn_noise` and `factor` belong to the other estimator.
+# Section 1, the table.
 DEFAULT_MODEL: Mapping[str, float] = {
     "along": 1.25 / 120,
     "across": 5.5 / 120,
     "turn_bias": 0.0,
     "turn_gain": 0.0,
     "turn_spread": 2.0,
+    "turn_noise": 0.0,
     "drift": 0.0,
     "drift_spread": 0.0,
     "scale": 1.0,
     "alignment_spread": 0.0,
     "sensor": 0.0,
     "max_error": 1.0,
+    "factor": 2.236,
 }
 HALF_TURN_TOLERANCE_DEG = 1e-6  # section 0
 CELL_TOLERANCE = 1e-6  # section 0, and the number of stamps in section 2; a share of a cell
@@ -87,7 +92,8 @@ def literal_half_widths(log: JsonObject, settings: JsonObject) -> list[PoseError
     errors = [_first_errors(poses[0])]
     places = [Point(poses[0].x, poses[0].y)]
     legs = _corrected(_legs(records), model)
-    for leg, (_, _, turned) in zip(legs, _propagated(legs, errors[0], model), strict=True):
+    states = _propagated(legs, poses[0], model, _shape(settings).estimator)
+    for leg, (_, _, turned) in zip(legs, states, strict=True):
         places.append(leg.last)
         errors.append(turned)
     return [
@@ -103,6 +109,7 @@ def literal_half_widths(log: JsonObject, settings: JsonObject) -> list[PoseError
 class _Shape:
     """The settings that are not parameters of the error model."""
 
+    estimator: str
     resolution: float
     free_along_walls: bool
     free_along_beams: bool
@@ -110,9 +117,8 @@ class _Shape:
 
 
 def _shape(settings: JsonObject) -> _Shape:
-    if settings.get("estimator", "linear") != "linear":
-        raise ValueError("the literal reading knows the estimator 'linear' only")
     return _Shape(
+        str(settings.get("estimator", "linear")),
         _number(settings.get("resolution", 0.05)),
         bool(settings.get("free_along_walls", False)),
         bool(settings.get("free_along_beams", False)),
@@ -234,6 +240,7 @@ class _Leg:
     """Two poses in a row, as logged or as corrected: first the run, then the turn.
 
     length, direction : of the run [m, rad]; a leg at standstill has length 0.
+    logged_direction : the same before any correction [rad].
     turn : logged, in (-180, 180] [deg].
     """
 
@@ -242,6 +249,7 @@ class _Leg:
     standstill: bool
     length: float
     direction: float
+    logged_direction: float
     turn: float
     seen: tuple[_Record, ...]
 
@@ -281,6 +289,7 @@ def _legs(records: Iterable[_Record]) -> list[_Leg]:
                     standstill=dx == 0.0 and dy == 0.0,
                     length=math.hypot(dx, dy),
                     direction=math.atan2(dy, dx),
+                    logged_direction=math.atan2(dy, dx),
                     turn=_angle_difference(record.heading - pose.heading),
                     seen=tuple(seen),
                 )
@@ -382,12 +391,23 @@ def _first_errors(pose: _Record) -> _Errors:
     return _Errors(pose.error_x, pose.error_y, min(90.0, pose.error_heading))
 
 
+_States = list[tuple[_Errors, _Errors, _Errors]]
+
+
 def _propagated(
-    legs: Sequence[_Leg], start: _Errors, model: Mapping[str, float]
-) -> list[tuple[_Errors, _Errors, _Errors]]:
+    legs: Sequence[_Leg], first: _Record, model: Mapping[str, float], estimator: str
+) -> _States:
     """Return per corrected leg the errors at its start, after its run and after its turn."""
-    states: list[tuple[_Errors, _Errors, _Errors]] = []
-    errors = start
+    if estimator == "linear":
+        return _linear(legs, first, model)
+    if estimator == "heading":
+        return _heading(legs, first, model)
+    raise ValueError(f"estimator is linear or heading, not {estimator!r}")
+
+
+def _linear(legs: Sequence[_Leg], first: _Record, model: Mapping[str, float]) -> _States:
+    states: _States = []
+    errors = _first_errors(first)
     # "consecutive runs that follow no wall, with no turn between them, count as one run":
     # the heading half-width where it began and the distance since then.
     heading_at_start, gone = errors.heading, 0.0
@@ -432,6 +452,86 @@ def _growth(
         model["along"] * distance + distance * (1.0 - math.cos(h)),
         model["across"] * distance + distance * math.sin(h),
     )
+
+
+# --- Section 1, Estimator heading -----------------------------------------------------------
+
+X, Y, HEADING, OVERTURN, DRIFT = range(5)
+SAME_RUN_DEG = 1.0
+_Matrix = NDArray[np.float64]
+
+
+def _heading(legs: Sequence[_Leg], first: _Record, model: Mapping[str, float]) -> _States:
+    """Carry the covariance P of the errors of (x, y, heading, over-turn per 45 deg, drift)."""
+    f = model["factor"]
+    along, across = model["along"], model["across"]  # "`across` read as radians"
+    turn_noise, alignment = (
+        math.radians(model[name]) for name in ("turn_noise", "alignment_spread")
+    )
+    # "P = diag(error_x, error_y, error_heading, turn_spread, drift_spread)^2 / f^2"
+    half_widths = [
+        first.error_x,
+        first.error_y,
+        math.radians(first.error_heading),
+        math.radians(model["turn_spread"]),
+        math.radians(model["drift_spread"]),
+    ]
+    p = np.diag(np.square(half_widths)) / f**2
+    first_piece: _Leg | None = None  # of the run so far
+    gone = 0.0  # L
+    states: _States = []
+    for leg in legs:
+        at_first = _read_off(p, f)
+        if not leg.standstill:
+            if first_piece is None or _begins(leg, first_piece):
+                first_piece, gone, begins = leg, 0.0, True
+            else:
+                begins = False
+            d, theta = leg.length, leg.direction
+            if d < 0.0:  # a drift beyond a full circle: the displacement points backwards
+                d, theta = -d, theta + math.pi
+            if leg.followed:
+                # "first row and column of heading become 0"
+                p[HEADING, :] = 0.0
+                p[:, HEADING] = 0.0
+                p[HEADING, HEADING] = (alignment / f) ** 2
+            else:
+                if begins:
+                    p[HEADING, HEADING] += (across / f) ** 2
+                step = np.eye(5)
+                step[X, HEADING] = -d * math.sin(theta)
+                step[Y, HEADING] = d * math.cos(theta)
+                step[X, DRIFT] = -0.5 * d**2 * math.sin(theta)
+                step[Y, DRIFT] = 0.5 * d**2 * math.cos(theta)
+                step[HEADING, DRIFT] = d
+                p = step @ p @ step.T
+            # "v = (along/f)^2 ((L+d)^2 - L^2)"
+            v = (along / f) ** 2 * ((gone + d) ** 2 - gone**2)
+            p[X, X] += v * math.cos(theta) ** 2
+            p[Y, Y] += v * math.sin(theta) ** 2
+            p[X, Y] += v * math.sin(theta) * math.cos(theta)
+            p[Y, X] += v * math.sin(theta) * math.cos(theta)
+            gone += d
+        after_run = _read_off(p, f)
+        # "Turn t: P <- F P F^T, F the identity with F[heading, over-turn] = |t|/45"
+        turn = np.eye(5)
+        turn[HEADING, OVERTURN] = abs(leg.turn) / 45.0
+        p = turn @ p @ turn.T
+        p[HEADING, HEADING] += (turn_noise / f) ** 2 * abs(leg.turn) / 45.0
+        states.append((at_first, after_run, _read_off(p, f)))
+    return states
+
+
+def _begins(leg: _Leg, first_piece: _Leg) -> bool:
+    """Tell whether a run begins: its logged direction is another, or following begins or ends."""
+    aside = _angle_difference(math.degrees(leg.logged_direction - first_piece.logged_direction))
+    return leg.followed != first_piece.followed or abs(aside) > SAME_RUN_DEG
+
+
+def _read_off(p: _Matrix, f: float) -> _Errors:
+    """Return hx = f sqrt(P_xx), hy = f sqrt(P_yy), H = min(90 deg, f sqrt(P_heading))."""
+    half_x, half_y, heading = (f * math.sqrt(max(0.0, p[k, k])) for k in (X, Y, HEADING))
+    return _Errors(half_x, half_y, min(90.0, math.degrees(heading)))
 
 
 # --- Section 2, Evidence --------------------------------------------------------------------
@@ -511,7 +611,7 @@ def _evidence(log: JsonObject, model: Mapping[str, float], shape: _Shape) -> _Fo
         return found
     legs = _corrected(_legs(records), model)
     stamper = _Stamper(shape.resolution, model["max_error"])
-    states = _propagated(legs, _first_errors(records[0]), model)
+    states = _propagated(legs, records[0], model, shape.estimator)
     for leg, (at_first, after_run, _) in zip(legs, states, strict=True):
         start = _Rectangle(at_first.half_x, at_first.half_y)
         end = _Rectangle(after_run.half_x, after_run.half_y)

@@ -51,12 +51,14 @@ MODEL_RANGES: Mapping[str, tuple[float, float]] = {
     "turn_bias": (-2.5, 2.5),
     "turn_gain": (-0.06, 0.06),
     "turn_spread": (0.0, 2.5),
+    "turn_noise": (0.0, 2.5),
     "drift": (-5.0, 5.0),
     "drift_spread": (0.0, 4.0),
     "scale": (0.93, 1.07),
     "alignment_spread": (0.0, 2.0),
     "sensor": (0.0, 0.05),
     "max_error": (0.3, 1.3),
+    "factor": (1.0, 3.0),
 }
 
 
@@ -205,8 +207,8 @@ def _random_settings(rng: np.random.Generator, robots: Sequence[str]) -> dict[st
         **_random_model(rng, share=0.4),
     }
     settings.setdefault("max_error", _uniform(rng, 0.4, 1.0))
-    if rng.random() < 0.3:
-        settings["estimator"] = "linear"
+    if rng.random() < 0.75:
+        settings["estimator"] = _pick(rng, ["linear", "heading", "heading"])
     if rng.random() < 0.7:
         settings["independence"] = _pick(rng, ["detection", "excursion"])
     for option in ("free_along_walls", "free_along_beams", "clip_coobserved"):
@@ -312,15 +314,20 @@ class _Diary:
             self.write_pose()
 
     def run(self) -> None:
-        """Run straight, logged in one piece or in several."""
+        """Run straight or nearly so, logged in one piece or in several."""
         rng = self.rng
         crab = _pick(rng, [0.0] * 8 + [180.0, 90.0, _uniform(rng, -60.0, 60.0)])
         direction = math.radians(self.heading + crab)
         length = _pick(rng, [0.5, 1.0, _uniform(rng, 0.2, 1.5), _uniform(rng, 0.2, 1.5)])
         pieces = _pick(rng, [1, 1, 1, 2, 3])
+        # The third piece may differ by more than 1 degree from the first, not from the second.
+        bend = math.radians(_pick(rng, [0.0, 0.0, 0.0, 0.6, -0.7, 1.5]))
         dx = round(length / pieces * math.cos(direction), 4)
         dy = round(length / pieces * math.sin(direction), 4)
         for piece in range(pieces):
+            if piece and bend:
+                dx = round(length / pieces * math.cos(direction + piece * bend), 4)
+                dy = round(length / pieces * math.sin(direction + piece * bend), 4)
             self.see_on_the_way(dx, dy)
             self.x, self.y = round(self.x + dx, 4), round(self.y + dy, 4)
             last = piece == pieces - 1
