@@ -60,13 +60,16 @@ class Body:
         self._settings = settings
         self._rng = rng
         self._stretch = 1.0
+        self._run: bool | None = None
 
     def set_down(self, x: float, y: float, heading: float) -> None:
         """Put the robot somewhere [m, rad]."""
         self.place = Place(x, y, heading)
+        self._run = None
 
     def turned(self, asked_deg: float) -> Place:
-        """Return the place after a turn that was asked for [deg]."""
+        """Return the place after a turn that was asked for [deg]; it ends the run."""
+        self._run = None
         parts = abs(asked_deg) / 45
         true_deg = asked_deg + self.faults.turn_bias * parts + self._turn_noise(parts)
         return replace(self.place, heading=self.place.heading + math.radians(true_deg))
@@ -81,11 +84,15 @@ class Body:
         return self._settings.turn_noise * math.sqrt(parts) * float(self._rng.standard_normal())
 
     def begin_run(self, lined_up: bool) -> None:
-        """Draw what goes wrong with the run that begins: a heading error that stays, and a length.
+        """Draw what goes wrong with a run: a heading error that stays, and a length.
 
+        Who stops and goes on in the same way is still on its run, as METHOD §1 has it.
         The paper's straight runs of 10 ft end in a 95 % rectangle of 2.5 × 11 in; both grow in
         proportion to the distance. Lined up with a wall, a robot does not leave its direction.
         """
+        if lined_up is self._run:
+            return
+        self._run = lined_up
         settings = self._settings
         kick, stretch = self._rng.standard_normal(2) / settings.factor
         self._stretch = 1 + settings.along * float(stretch)

@@ -85,6 +85,8 @@ class Robot:
             error = settings.calibration_sd * float(rng.standard_normal())
             model["turn_bias"] = round(self.faults.turn_bias + error, 2)
             model["turn_spread"] = CALIBRATED_SPREAD_DEG
+            if settings.turn_noise:
+                model["turn_noise"] = round(settings.factor * settings.turn_noise, 3)
             if settings.drift:
                 model["drift"] = round(self.faults.drift, 3)
             if settings.scale_sd:

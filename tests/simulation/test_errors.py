@@ -160,6 +160,20 @@ def test_drift_bends_a_run_and_ends_where_the_method_says() -> None:
     assert (pieces.body.place.x, pieces.body.place.y) == pytest.approx((place.x, place.y))
 
 
+def test_who_stops_and_goes_on_straight_is_still_on_one_run() -> None:
+    """So METHOD §1 has it: a new heading error comes with a turn, or with leaving a wall."""
+    bench = Bench(5, SOUND)
+    bench.run(1.0)
+    set_out = bench.heading_deg
+    assert set_out != 0
+    bench.run(1.0)
+    assert bench.heading_deg == set_out
+    bench.turn(90)
+    turned = bench.heading_deg
+    bench.run(1.0)
+    assert bench.heading_deg != turned
+
+
 def test_the_sign_of_the_drift_is_drawn_per_robot() -> None:
     settings = MissionSettings(drift=1.5)
     drawn = [draw_faults(settings, np.random.default_rng(k)).drift for k in range(200)]
@@ -192,8 +206,9 @@ def test_calibrated_robots_log_their_measured_bias_and_others_nothing() -> None:
         mission = drive(hall(4, 4), robots=1, minutes=0.01, seed=seed)
         (outing,) = mission.robots[0].excursions
         model = outing.book.as_log()["model"]
-        assert set(model) == {"turn_bias", "turn_spread"}
+        assert set(model) == {"turn_bias", "turn_spread", "turn_noise"}
         assert model["turn_spread"] == 0.5
+        assert model["turn_noise"] == pytest.approx(0.3 * 2.236, abs=1e-3)  # a half-width
         errors.append(model["turn_bias"] - mission.robots[0].faults.turn_bias)
     assert has_sd(np.array(errors), 0.19)
     wild = drive(hall(4, 4), robots=1, minutes=0.01, calibrated=False)
