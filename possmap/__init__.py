@@ -11,9 +11,29 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from possmap.api import VIEWS, Grid, PossmapError, Window, fuse, open_grid, version
+    from possmap.api import (
+        VIEWS,
+        Evaluation,
+        Grid,
+        PossmapError,
+        Window,
+        evaluate,
+        fuse,
+        open_grid,
+        version,
+    )
 
-__all__ = ["VIEWS", "Grid", "PossmapError", "Window", "fuse", "open_grid", "version"]
+__all__ = [
+    "VIEWS",
+    "Evaluation",
+    "Grid",
+    "PossmapError",
+    "Window",
+    "evaluate",
+    "fuse",
+    "open_grid",
+    "version",
+]
 
 
 def __dir__() -> list[str]:

@@ -12,16 +12,19 @@ from possmap.app.settings import Request
 from possmap.core.lattice import Window
 from possmap.core.views import VIEWS
 from possmap.errors import PossmapError
+from possmap.evaluation.results import Evaluation
 from possmap.files.gridfile.grid import Grid as _Grid
 from possmap.files.setting_table import Value, parse_setting
 from possmap.release import version
 
 __all__ = [
     "VIEWS",
+    "Evaluation",
     "FuseSummary",
     "Grid",
     "PossmapError",
     "Window",
+    "evaluate",
     "fuse",
     "open_grid",
     "version",
@@ -93,6 +96,45 @@ def fuse(
         dry_run=dry_run,
         allow_truncated=allow_truncated,
     )
+
+
+def evaluate(
+    grid: str | Path,
+    truth: str | Path,
+    *,
+    beside: Iterable[str | Path] = (),
+    base_rate: float = 0.5,
+    truth_resolution: float | None = None,
+    truth_origin: tuple[float, float] | None = None,
+) -> Evaluation:
+    """Hold a grid against the truth, as ``possmap evaluate`` does (docs/evaluate.md).
+
+    Parameters
+    ----------
+    truth
+        A truth file, a ROS ``map.yaml``, or the image of a floor plan.
+    beside
+        More grids of the same logs, judged on the same cells.
+    base_rate
+        Of a wall, for the scores of probabilities.
+    truth_resolution, truth_origin
+        Of an image: metres per pixel, and its lower left corner [m].
+
+    Raises
+    ------
+    possmap.PossmapError
+        If a file cannot be read, or the truth does not belong to the grid.
+    """
+    from possmap.app.evaluate import Question
+    from possmap.app.evaluate import evaluate as _evaluate
+
+    question = Question(
+        beside=tuple(map(Path, beside)),
+        base_rate=base_rate,
+        truth_resolution=truth_resolution,
+        truth_origin=truth_origin,
+    )
+    return _evaluate(Path(grid), Path(truth), question)
 
 
 def _text(value: Value) -> str:

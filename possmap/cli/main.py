@@ -20,6 +20,7 @@ COMMANDS = {
     "render": "Draw a grid: a map to look at, or a layer to read back.",
     "simulate": "Drive a team of robots through a world, and write its logs.",
     "demo": "Simulate a shipped mission, fuse its logs and draw them.",
+    "evaluate": "Say how true a grid is, beside grids of log-odds.",
     "info": "Say what a grid holds: size, settings, robots, digest.",
     "query": "Say what is known of one point, and which records say so.",
     "export": "Write a grid in a format that other programs read.",

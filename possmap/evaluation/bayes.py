@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from possmap.core.lattice import Window
 from possmap.evaluation.raster import Flags, Floats, Ints
-from possmap.evaluation.strokes import Outing, Stroke, line_cells, strokes, swept_cells, way_cells
+from possmap.evaluation.strokes import Outing, Stroke, floor_cells, line_cells, strokes, way_cells
 
 LogOdds = NDArray[np.float32]
 
@@ -70,12 +70,12 @@ def _told(
     stroke: Stroke, window: Window, resolution: float, settings: BayesSettings
 ) -> tuple[Ints, Ints]:
     """Return the cells that a stroke calls wall, and those that it calls free, each once."""
-    hits = _places([line_cells(hit, resolution).flat(window) for hit in stroke.hits])
+    hits = _places([line_cells(hit, window, resolution).flat(window) for hit in stroke.hits])
     ways: list[Ints] = []
     if stroke.driven is not None:
-        ways.append(swept_cells(stroke.driven, settings.body, resolution).flat(window))
+        ways.append(floor_cells(stroke.driven, settings.body, window, resolution).flat(window))
     if settings.beam_paths:
-        ways += [way_cells(*beam, resolution).flat(window) for beam in stroke.seen_through]
+        ways += [way_cells(*beam, window, resolution).flat(window) for beam in stroke.seen_through]
     free = _places(ways)
     return hits, np.setdiff1d(free, hits, assume_unique=True) if len(hits) else free
 

@@ -63,3 +63,12 @@ def _binned(probability: Floats, wall: Flags) -> tuple[Floats, Floats, Floats]:
     mean = np.bincount(which, probability, BINS)[some] / count[some]
     frequency = np.bincount(which, wall, BINS)[some] / count[some]
     return count[some], mean, frequency
+
+
+def calibration_bins(probability: Floats, wall: Flags) -> tuple[tuple[float, float, int], ...]:
+    """Return mean probability, share of walls and count of each bin that holds cells."""
+    count, mean, frequency = _binned(probability, wall)
+    return tuple(
+        (float(said), float(true), int(cells))
+        for cells, said, true in zip(count, mean, frequency, strict=True)
+    )

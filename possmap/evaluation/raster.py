@@ -50,7 +50,7 @@ def stamps_of(segments: Segments, window: Window, resolution: float) -> Iterator
         return
     start, step = segments[:, :2], segments[:, 2:] - segments[:, :2]
     n = np.maximum(1, np.ceil(np.abs(step).max(axis=1) / resolution - HAIR)).astype(np.int64)
-    first, last = _within(start, step, n, window, resolution)
+    first, last = within(segments, n, window, resolution)
     counts = np.maximum(0, last - first + 1)
     whole = np.cumsum(counts)
     begin = 0
@@ -71,13 +71,12 @@ def stamps_of(segments: Segments, window: Window, resolution: float) -> Iterator
         begin = end
 
 
-def _within(
-    start: Floats, step: Floats, n: Ints, window: Window, resolution: float
-) -> tuple[Ints, Ints]:
-    """Return the first and last k of each segment that may lie in a window, generously."""
+def within(segments: Segments, n: Ints, window: Window, resolution: float) -> tuple[Ints, Ints]:
+    """Return the first and last k of 0..n of each segment that may lie in a window, generously."""
+    start, step = segments[:, :2], segments[:, 2:] - segments[:, :2]
     low = (np.array([window.column0, window.row0]) - 1) * resolution
     high = (np.array([window.column1, window.row1]) + 1) * resolution
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         one, other = (low - start) / step, (high - start) / step
     still = step == 0
     beside = still & ((start < low) | (start > high))

@@ -68,8 +68,8 @@ class IntervalScore:
 class Explored:
     """How much of the building the evidence touches.
 
-    free : share of the free cells; None if they are not known.
-    wall : share of the true wall cells, and so of the walls' length; None without any.
+    free : share of the building's free cells with Π < 1; None if they are not known.
+    wall : share of its wall cells, and so of the walls' length, with N > 0; None without any.
     """
 
     free: float | None

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from possmap.core.evidence import Segment
 from possmap.core.lattice import Window
 from possmap.evaluation.bayes import BayesSettings, LogOdds, LogOddsGrid
-from possmap.evaluation.raster import Floats, Ints
-from possmap.evaluation.strokes import Cells, Outing, line_cells, strokes, swept_cells, way_cells
+from possmap.evaluation.raster import Floats, Ints, grown
+from possmap.evaluation.strokes import Cells, Outing, floor_cells, line_cells, strokes, way_cells
 
 AT_ONCE = 512
 """Cells of a record that are spread together."""
@@ -45,7 +44,8 @@ def bayes_smeared(
     for outing in outings:
         model = outing.found.model
         spread = _Spread(resolution, model.factor, model.max_error, settings)
-        hits, free = spread.reports(outing)
+        farthest = int(spread.reach(np.array([model.max_error]))[0])
+        hits, free = spread.reports(outing, grown(window, farthest))
         region = _extent([*hits, *free], spread, window)
         if not region.cells:
             continue
@@ -69,27 +69,28 @@ class _Spread:
     max_error: float
     settings: SmearSettings
 
-    def reports(self, outing: Outing) -> tuple[list[Cells], list[Cells]]:
-        """Return the cells of each report of a wall, and of each denial.
+    def reports(self, outing: Outing, window: Window) -> tuple[list[Cells], list[Cells]]:
+        """Return the cells in a window of each report of a wall, and of each denial.
 
         What is as far off as ``max_error`` is left out, as it is in possmap's own grid.
         """
         hits: list[Cells] = []
         free: list[Cells] = []
         for stroke in strokes(outing):
-            hits += [self._line(hit) for hit in stroke.hits]
+            hits += [
+                line_cells(hit, window, self.resolution, self.max_error) for hit in stroke.hits
+            ]
             if stroke.driven is not None:
                 width = self.settings.body
-                free.append(swept_cells(stroke.driven, width, self.resolution, self.max_error))
+                free.append(
+                    floor_cells(stroke.driven, width, window, self.resolution, self.max_error)
+                )
             if self.settings.beam_paths:
                 free += [
-                    way_cells(*beam, self.resolution, self.max_error)
+                    way_cells(*beam, window, self.resolution, self.max_error)
                     for beam in stroke.seen_through
                 ]
         return [one for one in hits if len(one)], [one for one in free if len(one)]
-
-    def _line(self, line: Segment) -> Cells:
-        return line_cells(line, self.resolution, self.max_error)
 
     def reach(self, half: Floats) -> Ints:
         """Return how many cells away a half-width lets a cell's report go."""

@@ -10,9 +10,9 @@ import numpy as np
 
 from possmap.core.evidence import Findings, Geometry, Segment
 from possmap.core.lattice import HAIR, Lattice, Window
-from possmap.core.pyramid import relevant, stamps
+from possmap.core.pyramid import count_of, relevant, stamps
 from possmap.core.records import Beam, PartialMap, Pose, Wall
-from possmap.evaluation.raster import Floats, Ints
+from possmap.evaluation.raster import Flags, Floats, Ints, grown, within
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,60 +81,75 @@ class Cells:
         return len(self.rows)
 
     def flat(self, window: Window) -> Ints:
-        """Return the places in a window's flattened array, of those inside."""
-        inside = (self.rows >= window.row0) & (self.rows < window.row1)
-        inside &= (self.columns >= window.column0) & (self.columns < window.column1)
-        row, column = self.rows[inside] - window.row0, self.columns[inside] - window.column0
-        found: Ints = row * window.shape[1] + column
+        """Return the places in the flattened array of a window that holds them all."""
+        found: Ints = (self.rows - window.row0) * window.shape[1] + self.columns - window.column0
         return found
 
+    def chosen(self, which: Flags) -> Cells:
+        """Return some of the cells."""
+        return Cells(self.rows[which], self.columns[which], self.half_x[which], self.half_y[which])
 
-def line_cells(line: Segment, resolution: float, largest: float = math.inf) -> Cells:
-    """Return the cells of a segment, by METHOD's rule.
+
+def line_cells(
+    line: Segment, window: Window, resolution: float, largest: float = math.inf
+) -> Cells:
+    """Return the cells of a segment in a window, by METHOD's rule.
 
     largest : half-width from which a place is left out [m].
     """
     span = relevant(line, resolution, largest)
-    some = stamps(line, *(span or (0, -1)), resolution)
-    new = np.ones(len(some.rows), dtype=np.bool_)
-    new[1:] = (np.diff(some.rows) != 0) | (np.diff(some.columns) != 0)
-    return Cells(some.rows[new], some.columns[new], some.half_x[new], some.half_y[new])
+    n = count_of(line, resolution)
+    ends = np.array([[line.x0, line.y0, line.x1, line.y1]])
+    first, last = within(ends, np.array([n]), window, resolution)
+    low, high = span or (0, -1)
+    some = stamps(line, max(low, int(first[0])), min(high, int(last[0])), resolution)
+    kept = np.ones(len(some.rows), dtype=np.bool_)
+    kept[1:] = (np.diff(some.rows) != 0) | (np.diff(some.columns) != 0)
+    kept &= (some.rows >= window.row0) & (some.rows < window.row1)
+    kept &= (some.columns >= window.column0) & (some.columns < window.column1)
+    return Cells(some.rows, some.columns, some.half_x, some.half_y).chosen(kept)
 
 
-def way_cells(beam: Segment, hit: bool, resolution: float, largest: float = math.inf) -> Cells:
-    """Return the cells through which a beam was seen to pass."""
-    cells = line_cells(beam, resolution, largest)
+def way_cells(
+    beam: Segment, hit: bool, window: Window, resolution: float, largest: float = math.inf
+) -> Cells:
+    """Return the cells of a window through which a beam was seen to pass."""
+    cells = line_cells(beam, window, resolution, largest)
     if not hit:
         return cells
     end_row, end_column = Lattice(resolution).cell_of(beam.x1, beam.y1)
-    kept = (cells.rows != end_row) | (cells.columns != end_column)
-    return Cells(cells.rows[kept], cells.columns[kept], cells.half_x[kept], cells.half_y[kept])
+    return cells.chosen((cells.rows != end_row) | (cells.columns != end_column))
 
 
-def swept_cells(run: Segment, width: float, resolution: float, largest: float = math.inf) -> Cells:
-    """Return the cells that a body of a width sweeps along a run.
+def floor_cells(
+    run: Segment, width: float, window: Window, resolution: float, largest: float = math.inf
+) -> Cells:
+    """Return the cells of a window over which a body of a width goes on a run.
 
     Those whose centre lies within half of the width of the path, and those of the path itself.
 
     largest : half-width from which a place is left out [m].
     """
-    path = line_cells(run, resolution, largest)
-    dx, dy = run.x1 - run.x0, run.y1 - run.y0
-    reach = math.ceil(width / 2 / resolution) + 1
-    if not len(path):
-        return path
-    low_row, low_column = int(path.rows.min()) - reach, int(path.columns.min()) - reach
-    rows, columns = np.meshgrid(
-        np.arange(low_row, int(path.rows.max()) + reach + 1),
-        np.arange(low_column, int(path.columns.max()) + reach + 1),
-        indexing="ij",
+    # A cell's centre and that of its nearest stamp's cell are each a little off the path.
+    reach = math.ceil(width / 2 / resolution + 1.5)
+    path = line_cells(run, grown(window, reach), resolution)
+    span = np.arange(-reach, reach + 1)
+    rows = (path.rows[:, None, None] + span[:, None]) + 0 * span
+    columns = (path.columns[:, None, None] + span) + 0 * span[:, None]
+    inside = (rows >= window.row0) & (rows < window.row1)
+    inside &= (columns >= window.column0) & (columns < window.column1)
+    flat = np.unique(
+        (rows[inside] - window.row0) * window.shape[1] + columns[inside] - window.column0
     )
-    x, y = (columns + 0.5) * resolution - run.x0, (rows + 0.5) * resolution - run.y0
+    row, column = np.divmod(flat, max(1, window.shape[1]))
+    row, column = row + window.row0, column + window.column0
+    dx, dy = run.x1 - run.x0, run.y1 - run.y0
+    x, y = (column + 0.5) * resolution - run.x0, (row + 0.5) * resolution - run.y0
     share = np.clip((x * dx + y * dy) / (dx * dx + dy * dy), 0, 1)
-    away = np.hypot(x - share * dx, y - share * dy)
     half_x = run.rect0.half_x + share * (run.rect1.half_x - run.rect0.half_x)
     half_y = run.rect0.half_y + share * (run.rect1.half_y - run.rect0.half_y)
-    swept = away <= width / 2 + HAIR * resolution
-    swept[path.rows - low_row, path.columns - low_column] = True
-    swept &= (half_x < largest) & (half_y < largest)
-    return Cells(rows[swept], columns[swept], half_x[swept], half_y[swept])
+    under = np.hypot(x - share * dx, y - share * dy) <= width / 2 + HAIR * resolution
+    on_path = line_cells(run, window, resolution)
+    under |= np.isin(flat, on_path.flat(window))
+    under &= (half_x < largest) & (half_y < largest)
+    return Cells(row, column, half_x, half_y).chosen(under)

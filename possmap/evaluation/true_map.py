@@ -22,6 +22,9 @@ from possmap.evaluation.regions import Regions
 FARTHEST_M = 0.3
 """Distances to walls are told up to here [m]."""
 
+THICKEST_M = 0.6
+"""What nobody can reach and is thinner is the inside of a wall [m]."""
+
 
 @dataclass(frozen=True, eq=False)
 class TrueMap:
@@ -38,8 +41,10 @@ class TrueMap:
     free
         Cells that can be reached from where robots set out, without crossing a wall; None if that
         is not bounded, or nobody knows where they set out.
+    free_cells
+        How many there are, in the window and beyond; None as above.
     solid
-        Cells of regions closed in by walls into which nobody can get.
+        Cells inside of walls and pillars, into which nobody can get.
     whole
         A window that holds this one and all walls, or as much of them as can be held.
     counts
@@ -51,9 +56,15 @@ class TrueMap:
     walls: Flags
     squares: Squares
     free: Flags | None
+    free_cells: int | None
     solid: Flags
     whole: Window
     counts: Squares
+
+    @property
+    def wall_cells(self) -> int:
+        """How many wall cells there are, in the window and beyond."""
+        return int(self.counts[-1, -1])
 
     def near(self, squares: Squares, tolerance_m: float) -> Flags:
         """Return which of some squared distances are within a tolerance of at most 0.3 m."""
@@ -100,6 +111,7 @@ def true_map(
         walls=cells[cut].copy(),
         squares=squares[cut].copy(),
         free=None if free is None else free[cut].copy(),
+        free_cells=None if free is None else int(free.sum()),
         solid=solid[cut].copy(),
         whole=whole,
         counts=integral(cells),
@@ -109,7 +121,11 @@ def true_map(
 def _free_and_solid(
     walls: Flags, inside: Floats, whole: Window, resolution: float
 ) -> tuple[Flags | None, Flags]:
-    """Tell what is reached from places that are free for sure, and what is closed in."""
+    """Tell what is reached from places that are free for sure, and what is solid.
+
+    Solid is what nobody reaches if walls close it in, or if it is thin: the insides of a building's
+    thick walls hang together, and often with the world outside.
+    """
     places = np.floor(inside / resolution + HAIR).astype(np.int64)
     regions = Regions(walls)
     reached = regions.at(places[:, 1] - whole.row0, places[:, 0] - whole.column0)
@@ -117,8 +133,33 @@ def _free_and_solid(
         return None, np.zeros(walls.shape, dtype=np.bool_)
     outside = regions.at_border()
     closed = np.setdiff1d(regions.all(), np.concatenate([reached, outside]))
-    bounded = not np.isin(reached, outside).any()
-    return regions.painted(reached) if bounded else None, regions.painted(closed)
+    solid = regions.painted(closed)
+    if np.isin(reached, outside).any():
+        return None, solid
+    free = regions.painted(reached)
+    unreached = ~(free | walls)
+    solid |= unreached & ~_opened(unreached, reach_of(THICKEST_M / 2, resolution))
+    return free, solid
+
+
+def _opened(flags: Flags, reach: int) -> Flags:
+    """Return what squares of 2·reach + 1 cells cover that fit into the flags; all fits beyond."""
+    if not reach:
+        return flags
+    padded = np.pad(flags, reach, constant_values=True)
+    cores = ~_any_around(~padded, reach)
+    return _any_around(cores, reach)[reach:-reach, reach:-reach]
+
+
+def _any_around(flags: Flags, reach: int) -> Flags:
+    """Return whether any flag is set within so many rows and columns."""
+    counts = integral(flags)
+    for axis, size in enumerate(flags.shape):
+        at = np.arange(size)
+        high, low = np.minimum(at + reach + 1, size), np.maximum(at - reach, 0)
+        counts = np.take(counts, high, axis) - np.take(counts, low, axis)
+    found: Flags = counts > 0
+    return found
 
 
 def integral(flags: Flags) -> Squares:

@@ -40,9 +40,10 @@ def matches(shown: str, got: str) -> bool:
     return re.fullmatch(pattern, got) is not None
 
 
-def test_the_commands_of_the_readme_print_what_it_shows(clone: Path) -> None:
-    commands = sessions(README)
-    assert len(commands) >= 3
+@pytest.mark.parametrize("page", ["README.md", "docs/evaluate.md"])
+def test_the_commands_of_a_page_print_what_it_shows(page: str, clone: Path) -> None:
+    commands = sessions((ROOT / page).read_text(encoding="utf-8"))
+    assert len(commands) >= 2
     for command, shown in commands:
         program, *arguments = shlex.split(command)
         assert program == "possmap"
