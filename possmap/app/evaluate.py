@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from possmap.app.evaluation_report import draw_report
 from possmap.app.export import refuse_itself
 from possmap.core.evidence import Geometry, findings
 from possmap.core.lattice import Lattice, Window
@@ -115,7 +116,10 @@ def evaluate(
             f"{printable(str(truth))}: none of its walls lies in the {found.mask_cells} cells that "
             "any method touched: is it of another frame or resolution?"
         )
-    return replace(found, notes=(*doubts, *found.notes))
+    found = replace(found, notes=(*doubts, *found.notes))
+    if picture is not None:
+        draw_report(path, found, picture, overwrite)
+    return found
 
 
 def _check_picture(path: Path, picture: Path, overwrite: bool) -> None:

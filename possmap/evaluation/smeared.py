@@ -21,12 +21,14 @@ AT_ONCE = 512
 class SmearSettings(BayesSettings):
     """What a record adds, and how it is spread.
 
+    free : chosen, like possmap's own settings, for the best ranking (docs/quality.md).
     reach : standard deviations at which the Gaussian ends.
     height : what a record adds at most. ``mass``: as much as there is probability that the cell is
         the one it saw, so a record in doubt adds little; ``peak``: the full log-odds in the middle,
         whatever the doubt.
     """
 
+    free: float = 0.20
     reach: float = 3.0
     height: str = "mass"
 

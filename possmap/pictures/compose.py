@@ -114,13 +114,16 @@ def furnished(
     subtitle = scene.subtitle
     if chosen.shrink > 1:
         subtitle += f"; a pixel is {chosen.shrink} x {chosen.shrink} cells"
-    keys = _keys(legend or scene.overlays, ends, palette)
-    return framed(panels, keys, scene.title, subtitle, scene.resolution)
+    explained = keys(legend or scene.overlays, ends, palette)
+    return framed(panels, explained, scene.title, subtitle, scene.resolution)
 
 
-def _keys(shown: Overlays, ends: dict[str, int], palette: str) -> list[Key]:
-    """Return one key for each scale in use, and the signs."""
-    keys: list[Key] = []
+def keys(shown: Overlays, ends: dict[str, int], palette: str) -> list[Key]:
+    """Return one key for each scale in use, and the signs.
+
+    ends : of each layer shown, the number that its scale's upper end stands for.
+    """
+    found: list[Key] = []
     entries: list[Entry] = []
     values = [name for name in ends if name in LAYERS]
     if MAP in ends:
@@ -132,10 +135,10 @@ def _keys(shown: Overlays, ends: dict[str, int], palette: str) -> list[Key]:
             ("path: possibility of a wall", free, ("1", "0"), ("", "free")),
         ):
             table = np.rint(palettes.ramp(stops, 256)).astype(np.uint8)
-            keys.append(ColourBar(title, table, span, words))
+            found.append(ColourBar(title, table, span, words))
     if values:
         only = LAYERS[values[0]] if len(values) == 1 else None
-        keys.append(
+        found.append(
             ColourBar(
                 only.title if only else "value of each view",
                 palettes.table(palette),
@@ -144,7 +147,7 @@ def _keys(shown: Overlays, ends: dict[str, int], palette: str) -> list[Key]:
             )
         )
     if COVERAGE in ends:
-        keys.append(
+        found.append(
             ColourBar(
                 "excursions that touched a cell",
                 palettes.table(palette),
@@ -172,8 +175,8 @@ def _keys(shown: Overlays, ends: dict[str, int], palette: str) -> list[Key]:
     if shown.truth:
         entries.append(Entry("line", palettes.TRUTH, "true wall"))
     if entries:
-        keys.append(Group(entries))
-    return keys
+        found.append(Group(entries))
+    return found
 
 
 LONGEST = 960

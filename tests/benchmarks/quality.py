@@ -268,7 +268,7 @@ def main() -> None:
     parser.add_argument("--smeared-free", type=float)
     parser.add_argument("--smeared-height", choices=["mass", "peak"])
     options = parser.parse_args()
-    variants = [Variant("paper", "paper"), Variant("robust", "robust")]
+    variants = [Variant("robust", "robust"), Variant("paper", "paper")]
     variants += [Variant.parse(text) for text in options.variant]
     given = {k: v for k, v in (("hit", options.hit), ("free", options.free)) if v is not None}
     smeared = {

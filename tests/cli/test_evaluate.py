@@ -335,3 +335,23 @@ def test_wrong_usage_is_told_apart(tmp_path: Path) -> None:
         (grid, "--truth", truth, "--window", "1,1,0,0"),
     ):
         assert run("evaluate", *args).exit_code == 2
+
+
+def test_the_report_is_drawn_and_its_path_is_checked_before_the_work(tmp_path: Path) -> None:
+    grid, truth, out = fused(tmp_path), written(tmp_path, TRUTH), tmp_path / "report.png"
+    assert run("evaluate", grid, "--truth", truth, "--picture", out).exit_code == 0
+    digest = json.loads(run("info", grid, "--json").stdout)["digest"]
+    with Image.open(out) as drawn:
+        assert drawn.info["possmap:digest"] == digest
+        assert min(drawn.size) > 1000
+    assert (
+        refusal(grid, truth, "--picture", out) == f"{out}: exists already; --overwrite replaces it"
+    )
+    assert run("evaluate", grid, "--truth", truth, "--picture", out, "--overwrite").exit_code == 0
+    wrong = tmp_path / "report.jpg"
+    assert refusal(grid, truth, "--picture", wrong) == (
+        f'{wrong}: unknown suffix ".jpg", expected .png'
+    )
+    assert refusal(grid, truth, "--picture", tmp_path / "no" / "r.png") == (
+        f"{tmp_path}/no/r.png: the folder {tmp_path}/no does not exist"
+    )
