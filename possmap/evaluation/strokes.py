@@ -144,8 +144,10 @@ def floor_cells(
     row, column = np.divmod(flat, max(1, window.shape[1]))
     row, column = row + window.row0, column + window.column0
     dx, dy = run.x1 - run.x0, run.y1 - run.y0
+    length = math.hypot(dx, dy) or 1.0
+    ahead_x, ahead_y = dx / length, dy / length
     x, y = (column + 0.5) * resolution - run.x0, (row + 0.5) * resolution - run.y0
-    share = np.clip((x * dx + y * dy) / (dx * dx + dy * dy), 0, 1)
+    share = np.clip(x * ahead_x + y * ahead_y, 0, length) / length
     half_x = run.rect0.half_x + share * (run.rect1.half_x - run.rect0.half_x)
     half_y = run.rect0.half_y + share * (run.rect1.half_y - run.rect0.half_y)
     under = np.hypot(x - share * dx, y - share * dy) <= width / 2 + HAIR * resolution

@@ -171,8 +171,9 @@ def test_the_floor_under_a_body_is_what_lies_near_its_path(
     for row, column in np.ndindex(window.shape):
         cell = row + low, column + low
         x, y = (cell[1] + 0.5) * C, (cell[0] + 0.5) * C
-        share = ((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / math.dist((x0, y0), (x1, y1)) ** 2
-        share = min(1.0, max(0.0, share))
+        length = math.dist((x0, y0), (x1, y1))
+        along = (x - x0) * ((x1 - x0) / length) + (y - y0) * ((y1 - y0) / length)
+        share = min(length, max(0.0, along)) / length
         away = math.dist((x, y), (x0 + share * (x1 - x0), y0 + share * (y1 - y0)))
         if abs(away - width / 2) > 1e-6:
             expected = cell in path or away < width / 2
