@@ -74,6 +74,20 @@ def test_the_picture_of_the_readme_is_the_one_its_command_draws(clone: Path) -> 
         assert apart.getbbox() is None, "draw docs/pictures/site.png anew"
 
 
+def test_the_picture_of_the_demo_is_the_one_that_it_draws(clone: Path) -> None:
+    """Almost: a simulation's last digits, and so a few pixels, may differ between platforms."""
+    import numpy as np
+    from PIL import Image
+
+    assert "pip install . && possmap demo\n" in README
+    assert CliRunner().invoke(main, ["demo"]).exit_code == 0
+    with Image.open("possmap-demo/site.png") as drawn:
+        with Image.open(ROOT / "docs/pictures/demo.png") as shown:
+            assert drawn.size == shown.size
+            apart = np.asarray(drawn.convert("RGB")) != np.asarray(shown.convert("RGB"))
+    assert apart.any(axis=2).mean() < 0.01, "draw docs/pictures/demo.png anew"
+
+
 def test_every_command_stands_in_the_readme() -> None:
     for command in COMMANDS:
         assert f"`possmap {command}" in README
