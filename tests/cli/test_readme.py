@@ -13,6 +13,7 @@ from click.testing import CliRunner
 from possmap.cli.main import COMMANDS, main
 
 ROOT = Path(__file__).parents[2]
+DEMO = ROOT / "docs/pictures/demo.png"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
@@ -81,10 +82,9 @@ def test_the_picture_of_the_demo_is_the_one_that_it_draws(clone: Path) -> None:
 
     assert "pip install . && possmap demo\n" in README
     assert CliRunner().invoke(main, ["demo"]).exit_code == 0
-    with Image.open("possmap-demo/site.png") as drawn:
-        with Image.open(ROOT / "docs/pictures/demo.png") as shown:
-            assert drawn.size == shown.size
-            apart = np.asarray(drawn.convert("RGB")) != np.asarray(shown.convert("RGB"))
+    with Image.open("possmap-demo/site.png") as drawn, Image.open(DEMO) as shown:
+        assert drawn.size == shown.size
+        apart = np.asarray(drawn.convert("RGB")) != np.asarray(shown.convert("RGB"))
     assert apart.any(axis=2).mean() < 0.01, "draw docs/pictures/demo.png anew"
 
 
