@@ -15,6 +15,7 @@ SIDES: tuple[Side, ...] = ("left", "right")
 
 
 LARGEST = 1e9
+MOST_ROBOTS = 10_000
 
 _POSITIVE = (
     "length", "width", "speed", "turn_rate", "ir_range", "minutes", "factor", "odometry_step",
@@ -134,6 +135,8 @@ class MissionSettings:
         for name in ("robots", "memory_bytes"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name}, found {getattr(self, name)}, expected at least 1")
+        if self.robots > MOST_ROBOTS:
+            raise ValueError(f"robots, found {self.robots}, expected at most {MOST_ROBOTS}")
         for name in _POSITIVE:
             if not 0 < getattr(self, name) <= LARGEST:
                 raise ValueError(f"{name}, found {getattr(self, name)}, expected a number > 0")

@@ -231,4 +231,7 @@ def test_home_must_have_a_way_out_for_the_robot() -> None:
         assert reachable_area(closet(1.0, door), 0.15, ENOUGH) < 1
         with pytest.raises(ValueError, match="walls enclose a robot"):
             check_home(closet(1.0, door), 0.21, 0.15)
-    check_home(closet(2.9, 0.0), 0.21, 0.15)  # 2 m2 is no cupboard
+    with pytest.raises(ValueError, match=r"it reaches 2\.\d m2, expected 5 m2 or more"):
+        check_home(closet(2.9, 0.0), 0.21, 0.15)  # no cupboard, but 5 % of the building is more
+    alone = World("room", np.array(sides((0.0, 0.0, 2.9, 1.0))), NO_DROPS, (0.5, 0.5))
+    check_home(alone, 0.21, 0.15)

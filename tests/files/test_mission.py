@@ -267,6 +267,18 @@ def test_home_must_be_a_place_to_set_out_from(tmp_path: Path, home: str, problem
     read(tmp_path, text, {"world.home": "3, 1"})
 
 
+def test_a_closed_room_is_a_world_but_not_within_a_building(tmp_path: Path) -> None:
+    room = "[-1, -1, 1, -1], [1, -1, 1, 1], [1, 1, -1, 1], [-1, 1, -1, -1]"
+    around = "[-5, -5, 5, -5], [5, -5, 5, 5], [5, 5, -5, 5], [-5, 5, -5, -5]"
+    alone = f"world: {{home: [0, 0], walls: [{room}]}}"
+    path = tmp_path / "room.yaml"
+    path.write_text(alone)
+    assert read_mission(path, {}).world.home == (0, 0)
+    said = refusal(tmp_path, f"world: {{home: [0, 0], walls: [{room}, {around}]}}")
+    assert "where walls enclose a robot 0.15 m wide: it reaches 3." in said
+    assert said.endswith("expected 5 m2 or more")
+
+
 def test_a_large_robot_is_enclosed_where_a_small_one_is_not(tmp_path: Path) -> None:
     text = """world:
   rooms:
@@ -290,6 +302,7 @@ def test_a_large_robot_is_enclosed_where_a_small_one_is_not(tmp_path: Path) -> N
         ({"robots": ""}, "--set: robots, found nothing, expected a value"),
         ({"robots": "[1"}, "--set robots:1: not YAML"),
         ({"robots": "-1"}, "--set: robots, found -1, expected at least 1"),
+        ({"robots": "10001"}, "--set: robots, found 10001, expected at most 10000"),
         ({"world.home": "0, 0"}, "--set: world.home, found [0, 0], 0.00 m from a wall"),
         ({"world.home": "0"}, '--set: world.home, found "0", expected [x, y]'),
         ({"world.size": "9,9"}, "--set: world.size, which only a world with generate: has"),
