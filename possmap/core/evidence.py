@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 from possmap.core.clip import ClipLine, clip_lines
 from possmap.core.correction import CorrectedStretch, correct
@@ -28,6 +29,17 @@ class Layer(IntEnum):
     """Weights of evidence for a singular point."""
 
 
+class Swath(NamedTuple):
+    """The floor that a body clears along its path (docs/method.md, "The swath of a body").
+
+    width : of the body [m].
+    factor : standard deviations in a half-width.
+    """
+
+    width: float
+    factor: float
+
+
 @dataclass(frozen=True, slots=True)
 class Segment:
     """A straight line of stamps between two places, the rectangle changing linearly (METHOD §2).
@@ -35,6 +47,7 @@ class Segment:
     record : index, in the excursion, of the record that says so.
     x0, y0, x1, y1 : the places [m]; the same place twice is a single stamp.
     rect0, rect1 : the rectangles there.
+    swath : what it clears in place of pyramids; None: pyramids.
     """
 
     record: int
@@ -44,6 +57,7 @@ class Segment:
     y1: float
     rect0: ErrorRectangle
     rect1: ErrorRectangle
+    swath: Swath | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +200,8 @@ def _free_space(
     closed_by = stretch.logged.end_index
     past_walls = stretch.logged.has_wall
     if stretch.logged.is_run and (settings.free_along_walls or not past_walls):
-        path = Segment(closed_by, *stretch.start, *stretch.end, error.start, error.end)
+        swath = Swath(settings.path_width, model.factor) if settings.path_width else None
+        path = Segment(closed_by, *stretch.start, *stretch.end, error.start, error.end, swath)
         clipped = past_walls and settings.clip_coobserved
         lines = clip_lines(stretch, geometry) if clipped else ()
         yield Evidence(Layer.FREE, closed_by, (path,), lines)

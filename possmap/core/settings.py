@@ -32,6 +32,8 @@ class EvidenceSettings:
         Whether runs past walls deny walls on their path, and whether they spare what they saw.
     free_along_beams
         Whether the path of a range reading denies walls.
+    path_width
+        Width of the floor that a robot's body clears on its path [m]; 0: the paper's pyramids.
     accept_models
         Whether a log's own model is believed.
     model
@@ -44,6 +46,7 @@ class EvidenceSettings:
     free_along_walls: bool = False
     free_along_beams: bool = False
     clip_coobserved: bool = False
+    path_width: float = 0.0
     accept_models: bool = True
     model: ErrorModel = field(default_factory=ErrorModel)
 

@@ -10,9 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from possmap.core import swath
 from possmap.core.evidence import Segment
 from possmap.core.lattice import TILE, TileKey, Window
-from possmap.core.pyramid import Values, profiles, quantised, relevant, stamps
+from possmap.core.pyramid import Ints, Stamps, Values, profiles, quantised, relevant, stamps
 
 LISTED_AT_ONCE = 512
 """Stamps whose tiles are looked up together."""
@@ -38,7 +39,7 @@ def pieces(
         return
     for first in range(span[0], span[1] + 1, LISTED_AT_ONCE):
         some = stamps(segment, first, min(span[1], first + LISTED_AT_ONCE - 1), resolution)
-        reach_rows, reach_columns = some.reach(resolution)
+        reach_rows, reach_columns = _reach(segment, some, resolution)
         low_row, high_row = (some.rows - reach_rows) // TILE, (some.rows + reach_rows) // TILE
         low_column = (some.columns - reach_columns) // TILE
         high_column = (some.columns + reach_columns) // TILE
@@ -51,13 +52,22 @@ def pieces(
                     yield TileKey(row, column), found
 
 
+def _reach(segment: Segment, some: Stamps, resolution: float) -> tuple[Ints, Ints]:
+    """Return how many rows and columns away from its centre each stamp may say something."""
+    if segment.swath is None:
+        return some.reach(resolution)
+    cells = swath.reach(some, segment.swath.width, resolution)
+    return cells, cells
+
+
 def extent(piece: Piece, resolution: float) -> Window:
     """Return a window of all cells that a piece can touch; cells are monotone along a segment."""
     first = stamps(piece.segment, piece.first, piece.first, resolution)
     last = stamps(piece.segment, piece.last, piece.last, resolution)
     rows = [int(first.rows[0]), int(last.rows[0])]
     columns = [int(first.columns[0]), int(last.columns[0])]
-    (a_row, a_column), (b_row, b_column) = first.reach(resolution), last.reach(resolution)
+    a_row, a_column = _reach(piece.segment, first, resolution)
+    b_row, b_column = _reach(piece.segment, last, resolution)
     reach_row = max(int(a_row[0]), int(b_row[0]))
     reach_column = max(int(a_column[0]), int(b_column[0]))
     return Window(
@@ -69,7 +79,7 @@ def extent(piece: Piece, resolution: float) -> Window:
 
 
 def stamp(block: Values, window: Window, piece: Piece, resolution: float, max_error: float) -> None:
-    """Raise ``block`` to the maximum of itself and the piece's stamps, in place.
+    """Raise ``block`` to the maximum of itself and the piece's stamps, or swath, in place.
 
     Parameters
     ----------
@@ -80,6 +90,11 @@ def stamp(block: Values, window: Window, piece: Piece, resolution: float, max_er
     max_error
         The error beyond which a stamp has no height [m].
     """
+    if piece.segment.swath is not None:
+        part = extent(piece, resolution).intersection(window)
+        if part.cells:
+            swath.sweep(block[part.slices_in(window)], part, piece.segment, resolution, max_error)
+        return
     for start in range(piece.first, piece.last + 1, STAMPED_AT_ONCE):
         stop = min(piece.last, start + STAMPED_AT_ONCE - 1)
         some = stamps(piece.segment, start, stop, resolution)

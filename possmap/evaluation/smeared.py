@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from possmap.core.lattice import Window
+from possmap.core.swath import normal_share
 from possmap.evaluation.bayes import BayesSettings, LogOdds, LogOddsGrid
 from possmap.evaluation.raster import Floats, Ints, grown
 from possmap.evaluation.strokes import Cells, Outing, floor_cells, line_cells, strokes, way_cells
@@ -21,14 +21,12 @@ AT_ONCE = 512
 class SmearSettings(BayesSettings):
     """What a record adds, and how it is spread.
 
-    free : chosen, like possmap's own settings, for the best ranking (docs/quality.md).
     reach : standard deviations at which the Gaussian ends.
     height : what a record adds at most. ``mass``: as much as there is probability that the cell is
         the one it saw, so a record in doubt adds little; ``peak``: the full log-odds in the middle,
         whatever the doubt.
     """
 
-    free: float = 0.20
     reach: float = 3.0
     height: str = "mass"
 
@@ -126,7 +124,7 @@ class _Spread:
         sd = np.maximum(half / self.factor, 1e-9)[:, None]
         away = cells - centres[:, None]
         borders = np.concatenate([away - 0.5, away[:, -1:] + 0.5], axis=1) * (self.resolution / sd)
-        shares: Floats = np.diff(np.interp(borders, _Z, _PHI), axis=1)
+        shares: Floats = np.diff(normal_share(borders), axis=1)
         shares[np.abs(away) > self.reach(half)[:, None]] = 0
         return shares
 
@@ -149,8 +147,3 @@ def _bounds(reports: Sequence[Cells], spread: _Spread) -> Iterator[Window]:
             int((one.columns - across).min()),
             int((one.columns + across).max()) + 1,
         )
-
-
-_Z = np.linspace(-6, 6, 6001)
-_PHI = np.array([(1 + math.erf(z / math.sqrt(2))) / 2 for z in _Z])
-"""The normal distribution up to each _Z; NumPy has none, and between them it is straight enough."""

@@ -86,6 +86,17 @@ def _parameter(name: str) -> Callable[[str], float]:
     return parse
 
 
+WIDEST = 10.0
+"""Body of a robot [m]."""
+
+
+def _width(text: str) -> float:
+    value = _number(text)
+    if not 0 <= value <= WIDEST:
+        raise _Wrong(f"expected 0 to {WIDEST:g} metres")
+    return value
+
+
 def _one_of(*words: str) -> Callable[[str], str]:
     def parse(text: str) -> str:
         if text not in words:
@@ -115,6 +126,7 @@ SHAPING: Mapping[str, Setting] = MappingProxyType(
         "free_along_walls": Setting(_flag, "runs past walls deny walls on their path"),
         "free_along_beams": Setting(_flag, "the paths of range readings deny walls"),
         "clip_coobserved": Setting(_flag, "such a run spares the walls that it saw itself"),
+        "path_width": Setting(_width, "width of floor that a path clears [m]; 0: pyramids"),
         "accept_models": Setting(_flag, "a log's own error model is believed"),
         "along": Setting(_parameter("along"), "half-width gained along a run [m per m]"),
         "across": Setting(_parameter("across"), "half-width gained across a run [m per m]"),

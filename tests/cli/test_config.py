@@ -62,6 +62,7 @@ def test_the_defaults_are_the_papers() -> None:
         "free_along_walls": False,
         "free_along_beams": False,
         "clip_coobserved": False,
+        "path_width": 0.0,
         "accept_models": True,
         "along": 1.25 / 120,
         "across": 5.5 / 120,

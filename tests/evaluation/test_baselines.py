@@ -99,7 +99,7 @@ def test_one_detection_and_one_pass_are_possmaps_own_probability(
 
 
 def test_what_is_known_exactly_is_not_smeared() -> None:
-    sharp = bayes([outing(PAST_A_WALL)], Window(0, 6, 0, 9), C, BayesSettings(free=0.2))
+    sharp = bayes([outing(PAST_A_WALL)], Window(0, 6, 0, 9), C, BayesSettings())
     smeared = bayes_smeared([outing(PAST_A_WALL)], Window(0, 6, 0, 9), C, SmearSettings())
     assert smeared.log_odds == pytest.approx(sharp.log_odds, abs=1e-6)
 

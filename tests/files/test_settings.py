@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from possmap.core.model import NEVER_NEGATIVE, PARAMETERS, POSITIVE
 from possmap.errors import SettingsError
 from possmap.files.logs.fields import NAME
-from possmap.files.setting_table import KNOWN, SHAPING
+from possmap.files.setting_table import KNOWN, SHAPING, WIDEST
 from possmap.files.settings import Settings, assemble, to_yaml
 from possmap.files.settings_yaml import read_settings, shipped
 
@@ -222,6 +222,8 @@ def values(name: str) -> st.SearchStrategy[Any]:
         return st.floats(0, 1, exclude_min=True, exclude_max=True)
     if name in ("limit_nesting", "limit_record_cells", "transaction_records"):
         return st.integers(1, 10**15 - 1)
+    if name == "path_width":
+        return st.floats(0, WIDEST)
     if name == "resolution":
         return st.floats(1e-6, LARGEST)
     if name in POSITIVE or name == "limit_file_mib":

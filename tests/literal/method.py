@@ -114,6 +114,7 @@ class _Shape:
     free_along_walls: bool
     free_along_beams: bool
     clip_coobserved: bool
+    path_width: float
 
 
 def _shape(settings: JsonObject) -> _Shape:
@@ -123,6 +124,7 @@ def _shape(settings: JsonObject) -> _Shape:
         bool(settings.get("free_along_walls", False)),
         bool(settings.get("free_along_beams", False)),
         bool(settings.get("clip_coobserved", False)),
+        _number(settings.get("path_width", 0.0)),
     )
 
 
@@ -618,7 +620,7 @@ def _evidence(log: JsonObject, model: Mapping[str, float], shape: _Shape) -> _Fo
         _walls_and_corners(found, leg, start, end, model["sensor"], stamper)
         _beams(found, leg, start, end, after_run.heading, model["sensor"], shape, stamper)
         if not leg.standstill:
-            _free_path(found, leg, start, end, shape, stamper)
+            _free_path(found, leg, start, end, shape, stamper, model["factor"])
     return found
 
 
@@ -698,12 +700,16 @@ def _free_path(
     end: _Rectangle,
     shape: _Shape,
     stamper: _Stamper,
+    factor: float,
 ) -> None:
     """Section 2, Free space: the run is one segment, its possibility 1 - value."""
     if leg.walls and not shape.free_along_walls:
         return
     path: Layer = {}
-    stamper.segment(path, leg.first, leg.last, start, end)
+    if shape.path_width:
+        path = _swath(leg, start, end, shape, factor, stamper.max_error)
+    else:
+        stamper.segment(path, leg.first, leg.last, start, end)
     if shape.clip_coobserved:
         for wall in leg.walls:
             clipped = _clip_line(wall, leg)
@@ -713,6 +719,44 @@ def _free_path(
                 if not clipped.takes(cell, leg, shape.resolution)
             }
     found.paths.append(path)
+
+
+def _swath(
+    leg: _Leg, start: _Rectangle, end: _Rectangle, shape: _Shape, factor: float, max_error: float
+) -> Layer:
+    """docs/method.md, "The swath of a body": cell by cell, every cell that may matter."""
+    c = shape.resolution
+    half = max(shape.path_width, c) / 2.0 + CELL_TOLERANCE * c
+    dx, dy = leg.last.x - leg.first.x, leg.last.y - leg.first.y
+    length = math.hypot(dx, dy)
+    ahead_x, ahead_y = (dx / length, dy / length) if length else (1.0, 0.0)
+    far = 2.0 * max_error + half + c
+    low_x, high_x = sorted((leg.first.x, leg.last.x))
+    low_y, high_y = sorted((leg.first.y, leg.last.y))
+    path: Layer = {}
+    for i in range(math.floor((low_x - far) / c), math.ceil((high_x + far) / c)):
+        for j in range(math.floor((low_y - far) / c), math.ceil((high_y + far) / c)):
+            x, y = (i + 0.5) * c - leg.first.x, (j + 0.5) * c - leg.first.y
+            a, d = x * ahead_x + y * ahead_y, abs(y * ahead_x - x * ahead_y)
+            near = start.towards(end, min(1.0, max(0.0, a / length)) if length else 0.0)
+            if near.half_x >= max_error or near.half_y >= max_error:
+                continue
+            across = abs(ahead_y) * near.half_x + abs(ahead_x) * near.half_y
+            along = abs(ahead_x) * near.half_x + abs(ahead_y) * near.half_y
+            if d > across + half or max(-a, a - length) > along + half:
+                continue
+            sd_across = math.hypot(ahead_y * near.half_x, ahead_x * near.half_y)
+            sd_along = math.hypot(ahead_x * near.half_x, ahead_y * near.half_y)
+            sd_across, sd_along = (max(sd, 1e-12) / factor for sd in (sd_across, sd_along))
+            value = _normal((half - d) / sd_across) - _normal((-half - d) / sd_across)
+            ends = _normal((a + half) / sd_along) - _normal((a - length - half) / sd_along)
+            if value * ends > 0.0:
+                path[i, j] = value * ends
+    return path
+
+
+def _normal(z: float) -> float:
+    return (1.0 + math.erf(z / math.sqrt(2.0))) / 2.0
 
 
 class _Line(NamedTuple):

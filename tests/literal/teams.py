@@ -215,6 +215,8 @@ def _random_settings(rng: np.random.Generator, robots: Sequence[str]) -> dict[st
         if rng.random() < 0.75:
             settings[option] = bool(rng.random() < 0.7)
     if rng.random() < 0.4:
+        settings["path_width"] = _uniform(rng, 0.02, 0.5)
+    if rng.random() < 0.4:
         settings["accept_models"] = bool(rng.random() < 0.4)
     if rng.random() < 0.4:
         named = [robot for robot in (*robots, "nobody") if rng.random() < 0.5]

@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Self
 
 import numpy as np
@@ -24,6 +24,9 @@ from possmap.files.gridfile.ledger import Ledger
 from possmap.files.gridfile.tiles import TileStore
 from possmap.files.setting_table import SHAPING, Value, parse_setting
 from possmap.files.settings import assemble, flat_evidence
+
+LATER: Mapping[str, Value] = MappingProxyType({"path_width": 0.0})
+"""Settings that the first grids did not have, with what they did."""
 
 MOST_CELLS = 10**9
 """More than these are never read at once."""
@@ -145,7 +148,13 @@ class Grid:
 
     def digest(self) -> str:
         """Return the digest, hexadecimal: two grids of the same evidence have one (METHOD §3)."""
-        shaping = json.dumps(flat_evidence(self.settings), separators=(",", ":"))
+        # A setting that came later and does as before leaves every digest as it was.
+        telling = {
+            name: value
+            for name, value in flat_evidence(self.settings).items()
+            if name not in LATER or value != LATER[name]
+        }
+        shaping = json.dumps(telling, separators=(",", ":"))
         digest = hashlib.sha256(b"possmap grid 1\n" + shaping.encode() + b"\ntiles\n")
         for tile_hash in self.tiles.hashes():
             digest.update(tile_hash)
@@ -164,6 +173,8 @@ class Grid:
                 stored[name] = parse_setting(name, text, "").value
             except (ValueError, TypeError, SettingsError) as error:
                 raise self._database.damaged(f"setting {name!r}") from error
+        for name, value in LATER.items():
+            stored.setdefault(name, value)
         for name in SHAPING:
             if name not in stored:
                 raise self._database.damaged(f"setting {name} is missing")
