@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from possmap.api import (
         VIEWS,
+        DiffSummary,
         Evaluation,
         Grid,
         PossmapError,
         Window,
+        diff,
         evaluate,
         fuse,
         open_grid,
@@ -25,10 +27,12 @@ if TYPE_CHECKING:
 
 __all__ = [
     "VIEWS",
+    "DiffSummary",
     "Evaluation",
     "Grid",
     "PossmapError",
     "Window",
+    "diff",
     "evaluate",
     "fuse",
     "open_grid",

@@ -6,6 +6,7 @@ import io
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from possmap.app.diff_summary import DiffSummary
 from possmap.app.fuse import FuseSummary
 from possmap.app.fuse import fuse as _fuse
 from possmap.app.settings import Request
@@ -19,11 +20,13 @@ from possmap.release import version
 
 __all__ = [
     "VIEWS",
+    "DiffSummary",
     "Evaluation",
     "FuseSummary",
     "Grid",
     "PossmapError",
     "Window",
+    "diff",
     "evaluate",
     "fuse",
     "open_grid",
@@ -135,6 +138,24 @@ def evaluate(
         truth_origin=truth_origin,
     )
     return _evaluate(Path(grid), Path(truth), question)
+
+
+def diff(a: str | Path, b: str | Path, *, largest: int = 5) -> DiffSummary:
+    """Compare two grid files of one resolution, as ``possmap diff`` does (docs/diff.md).
+
+    Parameters
+    ----------
+    largest
+        How many of the largest changes to name.
+
+    Raises
+    ------
+    possmap.PossmapError
+        If a grid cannot be read, or their resolutions differ.
+    """
+    from possmap.app.diff import diff as _diff
+
+    return _diff(Path(a), Path(b), largest=largest)
 
 
 def _text(value: Value) -> str:

@@ -23,6 +23,7 @@ COMMANDS = {
     "evaluate": "Say how true a grid is, beside grids of log-odds.",
     "info": "Say what a grid holds: size, settings, robots, digest.",
     "query": "Say what is known of one point, and which records say so.",
+    "diff": "Say in what two grids differ, and draw it.",
     "export": "Write a grid in a format that other programs read.",
     "check": "Validate logs and say what is in them.",
     "config": "Print the settings in force, as YAML to edit and give back.",

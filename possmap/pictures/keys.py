@@ -17,7 +17,7 @@ WIDTH = 200
 _BAR = 14
 _SIGN = 26
 
-Sign: TypeAlias = Literal["box", "point", "line", "home"]
+Sign: TypeAlias = Literal["box", "point", "line", "home", "ring"]
 
 
 class Key(Protocol):
@@ -87,10 +87,11 @@ class Entry:
             draw.rectangle((x, middle - 6, x + 17, middle + 5), self.colour, palettes.FAINT)
         elif self.sign == "line":
             draw.line((x, middle, x + 17, middle), self.colour, 2)
-        elif self.sign == "home":
+        elif self.sign in ("home", "ring"):
             circle = (x + 1, middle - 8, x + 17, middle + 8)
             draw.ellipse(circle, palettes.PAPER, palettes.INK)
-            write(draw, (x + 9, middle), "I", SMALL, self.colour, "mm")
+            inside = "I" if self.sign == "home" else "1"
+            write(draw, (x + 9, middle), inside, SMALL, self.colour, "mm")
         else:
             diamond(draw, x + 9, middle, 5, self.colour)
         write(draw, (x + _SIGN, middle), self.text, NORMAL, palettes.INK, "lm")

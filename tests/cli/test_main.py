@@ -61,6 +61,9 @@ def test_the_examples_run_one_after_the_other(
     (tmp_path / "data").symlink_to(ROOT / "data")
     (tmp_path / "configs").symlink_to(ROOT / "configs")
     monkeypatch.chdir(tmp_path)
+    # What diff compares with: the grid as it was before the last log.
+    logs = sorted(Path("data/json").iterdir())[:3]
+    assert run("fuse", *logs, "-g", "before.possmap").exit_code == 0
     assert run(*shlex.split(run("--help").stdout.splitlines()[-1])[2:], "--dry-run").exit_code == 0
     for command in COMMANDS:
         line, _, output = example(command).partition(" > ")

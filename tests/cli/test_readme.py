@@ -41,7 +41,7 @@ def matches(shown: str, got: str) -> bool:
     return re.fullmatch(pattern, got) is not None
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/evaluate.md"])
+@pytest.mark.parametrize("page", ["README.md", "docs/evaluate.md", "docs/diff.md"])
 def test_the_commands_of_a_page_print_what_it_shows(page: str, clone: Path) -> None:
     commands = sessions((ROOT / page).read_text(encoding="utf-8"))
     assert len(commands) >= 2
@@ -86,6 +86,16 @@ def test_the_picture_of_the_demo_is_the_one_that_it_draws(clone: Path) -> None:
         assert drawn.size == shown.size
         apart = np.asarray(drawn.convert("RGB")) != np.asarray(shown.convert("RGB"))
     assert apart.any(axis=2).mean() < 0.01, "draw docs/pictures/demo.png anew"
+
+
+def test_the_picture_of_the_page_on_diff_is_the_one_its_commands_draw(clone: Path) -> None:
+    from PIL import Image, ImageChops
+
+    for command, _ in sessions((ROOT / "docs/diff.md").read_text(encoding="utf-8")):
+        assert CliRunner().invoke(main, shlex.split(command)[1:]).exit_code == 0
+    with Image.open("diff.png") as drawn, Image.open(ROOT / "docs/pictures/diff.png") as shown:
+        apart = ImageChops.difference(drawn.convert("RGB"), shown.convert("RGB"))
+        assert apart.getbbox() is None, "draw docs/pictures/diff.png anew"
 
 
 def test_every_command_stands_in_the_readme() -> None:

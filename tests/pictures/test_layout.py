@@ -14,7 +14,8 @@ from teams import fuse, write_logs
 
 import possmap
 from possmap.app.render import Look, picture, raster_of
-from possmap.pictures import frame, keys, text
+from possmap.core.lattice import Window
+from possmap.pictures import difference, frame, keys, text
 
 DATA = Path(__file__).parents[2] / "data"
 EXACT = {"along": 0, "across": 0, "turn_spread": 0}
@@ -173,6 +174,19 @@ def test_no_label_overlaps_or_is_cut_off(
         drawn = Drawn(monkeypatch)
         sheet = picture(grid, look)
         assert list(drawn.complaints(sheet)) == []
+
+
+@pytest.mark.parametrize("name", ["site", "a name that goes on " * 9])
+@pytest.mark.parametrize("shape", [(1, 1), (3, 900), (900, 3), (60, 80), (40_000, 30_000)])
+@pytest.mark.parametrize("marked", [False, True])
+def test_no_label_of_a_difference_overlaps_or_is_cut_off(
+    shape: tuple[int, int], name: str, marked: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chosen = difference.raster_for(Window(-9, shape[0] - 9, 7, shape[1] + 7), exact=False)
+    drawn = Drawn(monkeypatch)
+    marks = [difference.Mark(1, 0.4, -0.4, "possibility")] if marked else []
+    sheet = difference.drawn(difference.Canvas(chosen), (name, name), 0.05, marks)
+    assert list(drawn.complaints(sheet)) == []
 
 
 @pytest.mark.parametrize("name", [*WORLDS, "site"])

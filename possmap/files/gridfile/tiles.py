@@ -138,12 +138,7 @@ class TileStore:
 
     def areas(self, window: Window) -> Iterator[Window]:
         """Yield the parts of a window whose tiles hold anything, a few tiles at a time."""
-        if not window.cells:
-            return
-        first, last = window.row0 // TILE, (window.row1 - 1) // TILE
-        for (row,) in self._database.all(
-            "SELECT DISTINCT row FROM tile WHERE row BETWEEN ? AND ? ORDER BY row", (first, last)
-        ):
+        for row in self.rows(window):
             columns = self._database.all(
                 'SELECT DISTINCT "column" FROM tile'
                 ' WHERE layer IN (0, 1, 2) AND row = ? AND "column" BETWEEN ? AND ? ORDER BY 1',
@@ -170,6 +165,29 @@ class TileStore:
                 if not isinstance(digest, bytes):
                     raise self._database.damaged(f"the hash of a tile in row {of_row[1]}")
                 yield digest
+
+    def rows(self, window: Window) -> list[int]:
+        """Return the rows of tiles within a window that hold anything."""
+        if not window.cells:
+            return []
+        span = (window.row0 // TILE, (window.row1 - 1) // TILE)
+        found = self._database.all(
+            "SELECT DISTINCT row FROM tile WHERE row BETWEEN ? AND ? ORDER BY row", span
+        )
+        return [row for (row,) in found]
+
+    def hashes_of_row(self, row: int, window: Window) -> dict[int, tuple[tuple[int, bytes], ...]]:
+        """Return layers and their hashes for each column of a row of tiles within a window."""
+        found: dict[int, tuple[tuple[int, bytes], ...]] = {}
+        for column, layer, digest in self._database.all(
+            'SELECT "column", layer, hash FROM tile'
+            ' WHERE layer IN (0, 1, 2) AND row = ? AND "column" BETWEEN ? AND ? ORDER BY layer',
+            (row, window.column0 // TILE, (window.column1 - 1) // TILE),
+        ):
+            if not isinstance(digest, bytes):
+                raise self._database.damaged(f"the hash of a tile in row {row}")
+            found[column] = (*found.get(column, ()), (layer, digest))
+        return found
 
     def count(self) -> int:
         """Return how many tiles hold anything."""
