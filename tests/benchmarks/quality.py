@@ -131,6 +131,7 @@ class Outcome:
     metres : truly run by each robot, on average; home : share of excursions.
     scores : by method and measure.
     lower : reliability of N, by method.
+    held : metres run, and those that ended within the rectangle, by method.
     reference : F1 of calling all wall, and of true poses.
     """
 
@@ -138,6 +139,7 @@ class Outcome:
     home: float
     scores: dict[tuple[str, str], float] = field(default_factory=dict)
     lower: dict[str, Bins] = field(default_factory=dict)
+    held: dict[str, tuple[float, float]] = field(default_factory=dict)
     reference: tuple[float | None, float | None] = (None, None)
 
 
@@ -209,6 +211,10 @@ def one(
                 )
                 for part in interval.lower_validity
             }
+        for method, tracks in found.tracks.items():
+            steps = [np.diff(one.distance, prepend=0.0) for one in tracks]
+            inside = sum(float((s * o.inside).sum()) for s, o in zip(steps, tracks, strict=True))
+            outcome.held[names[method]] = float(sum(s.sum() for s in steps)), inside
         reference = found.reference
         outcome.reference = reference.all_wall_f1_15cm, reference.true_pose_f1_15cm
         return outcome
@@ -235,9 +241,20 @@ def tables(world: World, outcomes: list[Outcome], methods: Sequence[str]) -> Ite
         for measure in MEASURES:
             values = [o.scores[method, measure] for o in outcomes if (method, measure) in o.scores]
             cells.append(f"{statistics.median(values):.3f}" if values else "–")
-        # Coverage belongs to the tracks together: the median mission is better than the mean.
         yield f"| {method} | {' | '.join(cells)} |"
     yield ""
+    yield "Rectangles hold the true place on " + ", ".join(
+        f"{_held(outcomes, method):.1%} of the way under {method}"
+        for method in methods
+        if method in outcomes[0].held
+    )
+    yield ""
+
+
+def _held(outcomes: Sequence[Outcome], method: str) -> float:
+    """Return the share of all the way that lies within rectangles: missions count by length."""
+    metres, inside = np.sum([one.held[method] for one in outcomes], axis=0)
+    return float(inside / metres)
 
 
 def reliability(outcomes: Sequence[Outcome], variants: Sequence[Variant]) -> Iterator[str]:
