@@ -75,6 +75,20 @@ def test_the_picture_of_the_readme_is_the_one_its_command_draws(clone: Path) -> 
         assert apart.getbbox() is None, "draw docs/pictures/site.png anew"
 
 
+def test_the_report_in_the_docs_is_the_one_that_evaluate_draws(clone: Path) -> None:
+    from PIL import Image, ImageChops
+
+    for line in (
+        "fuse data/json -g site.possmap",
+        "evaluate site.possmap --truth data/truth.json --picture report.png",
+    ):
+        assert CliRunner().invoke(main, line.split()).exit_code == 0
+    with Image.open("report.png") as drawn, Image.open(ROOT / "docs/pictures/report.png") as shown:
+        assert drawn.size == shown.size
+        apart = ImageChops.difference(drawn.convert("RGB"), shown.convert("RGB"))
+        assert apart.getbbox() is None, "draw docs/pictures/report.png anew"
+
+
 def test_the_picture_of_the_demo_is_the_one_that_it_draws(clone: Path) -> None:
     """Almost: a simulation's last digits, and so a few pixels, may differ between platforms."""
     import numpy as np
