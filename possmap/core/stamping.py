@@ -56,7 +56,7 @@ def _reach(segment: Segment, some: Stamps, resolution: float) -> tuple[Ints, Int
     """Return how many rows and columns away from its centre each stamp may say something."""
     if segment.swath is None:
         return some.reach(resolution)
-    cells = swath.reach(some, segment.swath.width, resolution)
+    cells = swath.reach(some, segment, resolution)
     return cells, cells
 
 

@@ -11,8 +11,8 @@ from the path's line, a how far along the run of length l it lies, and normal er
 σ⊥ and σ∥ are those of the place of the path nearest to the cell: √((n_x·h_x)² + (n_y·h_y)²)/factor,
 n the unit vector across the run, and the same along it. Nothing is said beyond the rectangle, that
 is where d > |n_x|·h_x + |n_y|·h_y + b/2, nor along the run beyond its ends likewise, nor where a
-half-width reaches ``max_error``. b/2 is a millionth of a cell more, so that rounding does not move
-what lies on the very edge (METHOD §0).
+half-width reaches ``max_error``, there or at both stamps next to it. b/2 is a millionth of a cell
+more, so that rounding does not move what lies on the very edge (METHOD §0).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from possmap.core.evidence import Segment
 from possmap.core.lattice import HAIR, Window
-from possmap.core.pyramid import Floats, Ints, Stamps, Values, quantised
+from possmap.core.pyramid import Floats, Ints, Stamps, Values, count_of, quantised, relevant
 
 _Z = np.linspace(-6, 6, 6001)
 _PHI = np.array([(1 + math.erf(z / math.sqrt(2))) / 2 for z in _Z])
@@ -38,10 +38,16 @@ def normal_share(z: Floats) -> Floats:
     return share
 
 
-def reach(some: Stamps, width: float, resolution: float) -> Ints:
-    """Return how many rows and columns from each stamp its swath may reach, generously."""
-    metres = 2 * (some.half_x + some.half_y) + max(width, resolution)
-    cells: Ints = np.ceil(metres / resolution).astype(np.int64) + 1
+def reach(some: Stamps, segment: Segment, resolution: float) -> Ints:
+    """Return how many rows and columns from each stamp the swath may reach, generously.
+
+    Up to the next stamp half-widths may grow by what they grow in a step.
+    """
+    one, other = segment.rect0, segment.rect1
+    growth = abs(other.half_x - one.half_x) + abs(other.half_y - one.half_y)
+    width = segment.swath.width if segment.swath else 0.0
+    metres = 2 * (some.half_x + some.half_y + growth / count_of(segment, resolution))
+    cells: Ints = np.ceil((metres + max(width, resolution)) / resolution).astype(np.int64) + 1
     return cells
 
 
@@ -69,12 +75,13 @@ def sweep(
     y = ((np.arange(window.row0, window.row1) + 0.5) * resolution - segment.y0)[:, None]
     x = ((np.arange(window.column0, window.column1) + 0.5) * resolution - segment.x0)[None]
     along, across = x * ahead_x + y * ahead_y, np.abs(y * ahead_x - x * ahead_y)
-    share = np.clip(along / length, 0, 1) if length else np.zeros_like(along)
+    share = np.clip(along, 0, length) / length if length else np.zeros_like(along)
     one, other = segment.rect0, segment.rect1
     half_x = one.half_x + share * (other.half_x - one.half_x)
     half_y = one.half_y + share * (other.half_y - one.half_y)
     beyond = np.maximum(np.maximum(-along, along - length), 0)
     heard = (half_x < max_error) & (half_y < max_error)
+    heard &= _by_stamps(segment, share, resolution, max_error)
     heard &= across <= abs(ahead_y) * half_x + abs(ahead_x) * half_y + half
     heard &= beyond <= abs(ahead_x) * half_x + abs(ahead_y) * half_y + half
     if not heard.any():
@@ -90,6 +97,21 @@ def sweep(
     value = _between((half - across) * sharp_across, (-half - across) * sharp_across)
     value *= _between((along + half) * sharp_along, (along - length - half) * sharp_along)
     block[heard] = np.maximum(block[heard], quantised(value))
+
+
+def _by_stamps(
+    segment: Segment, share: Floats, resolution: float, max_error: float
+) -> NDArray[np.bool_]:
+    """Return whether a stamp next to a place of the path has a height: only then it has tiles.
+
+    Where one half-width falls while the other rises, neither stamp may have, though the place
+    between them would.
+    """
+    span = relevant(segment, resolution, max_error)
+    first, last = span or (0, -1)
+    before = np.floor(share * count_of(segment, resolution))
+    near: NDArray[np.bool_] = (before + 1 >= first) & (before <= last)
+    return near
 
 
 def _between(upper: Floats, lower: Floats) -> NDArray[np.float64]:

@@ -730,6 +730,7 @@ def _swath(
     dx, dy = leg.last.x - leg.first.x, leg.last.y - leg.first.y
     length = math.hypot(dx, dy)
     ahead_x, ahead_y = (dx / length, dy / length) if length else (1.0, 0.0)
+    n = max(1, math.ceil(max(abs(dx), abs(dy)) / c - CELL_TOLERANCE))
     far = 2.0 * max_error + half + c
     low_x, high_x = sorted((leg.first.x, leg.last.x))
     low_y, high_y = sorted((leg.first.y, leg.last.y))
@@ -740,6 +741,11 @@ def _swath(
             a, d = x * ahead_x + y * ahead_y, abs(y * ahead_x - x * ahead_y)
             near = start.towards(end, min(1.0, max(0.0, a / length)) if length else 0.0)
             if near.half_x >= max_error or near.half_y >= max_error:
+                continue
+            share = min(1.0, max(0.0, a / length)) if length else 0.0
+            stamps = [min(n, math.floor(share * n) + k) / n for k in (0, 1)]
+            rectangles = [start.towards(end, stamp) for stamp in stamps]
+            if all(max(r.half_x, r.half_y) >= max_error for r in rectangles):
                 continue
             across = abs(ahead_y) * near.half_x + abs(ahead_x) * near.half_y
             along = abs(ahead_x) * near.half_x + abs(ahead_y) * near.half_y
