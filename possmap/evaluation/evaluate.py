@@ -32,7 +32,7 @@ from possmap.evaluation.true_map import TrueMap, true_map
 Name = tuple[str, str]
 """Robot and excursion."""
 
-MOST_CELLS = 25_000_000
+MOST_CELLS = 10_000_000
 """Cells of the largest window that is evaluated at once."""
 
 

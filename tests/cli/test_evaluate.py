@@ -319,7 +319,7 @@ def test_too_large_a_window_is_refused_with_advice(tmp_path: Path) -> None:
     far["records"] += [{"seq": 90, "kind": "pose", "x": 900_000, "y": 900_000, "heading": 0}]
     grid = fused(tmp_path, far, "--resolution", "5")
     said = refusal(grid, written(tmp_path, TRUTH))
-    assert "cells to judge at once, expected at most 25000000" in said
+    assert "cells to judge at once, expected at most 10000000" in said
     assert said.endswith("judge a part with --window X0,Y0,X1,Y1")
     small = fused(tmp_path, far, "--resolution", "5", name="small")
     assert judged(small, written(tmp_path, TRUTH), "--window", "-5,-5,5,5")["wall_cells"]
