@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,7 +15,8 @@ from possmap.core.lattice import Lattice, Window
 from possmap.errors import OutputError, PossmapError, printable, shown
 from possmap.evaluation import evaluate as judging
 from possmap.evaluation.evaluate import MOST_CELLS, Baselines, Candidate, NothingToExamine
-from possmap.evaluation.overlap import crossings, sightings
+from possmap.evaluation.overlap import Witnesses, astray, crossings, sightings
+from possmap.evaluation.reference import true_walls
 from possmap.evaluation.results import Evaluation
 from possmap.evaluation.strokes import Outing
 from possmap.evaluation.tracks import apart, matched
@@ -27,11 +28,12 @@ from possmap.files.truth import Truth, read_any_truth
 Metres = tuple[float, float, float, float]
 """A rectangle: x0, y0, x1, y1."""
 
-DOUBTFUL, IMPOSSIBLE = 0.1, 0.5
+DOUBTFUL, IMPOSSIBLE, FROM_TRACKS = 0.1, 0.5, 0.25
 """Share of what robots that know their place did or saw which the truth may belie.
 
-Above the first there is a note, above the second a refusal: a robot whose error model is wrong
-may also not be where it is sure to be, and that is worth an evaluation."""
+Above the first there is a note, above the second a refusal: a robot whose error model is wrong may
+also not be where it is sure to be, and that is worth an evaluation. True tracks leave less
+room."""
 
 ROUNDED_M = 0.01
 """How far a pose as logged may lie from what the truth says was believed [m]."""
@@ -229,7 +231,8 @@ def _starts(grid: _Read) -> Iterator[Geometry]:
 def _check_frame(grid: _Read, true: Truth, path: Path) -> tuple[str, ...]:
     """Refuse a truth that cannot be that of the grid; return what makes one doubt it.
 
-    Tracks that match the logs settle it. Otherwise robots that know their place are witnesses.
+    Where tracks match the logs, what was seen from them is asked, and the error model is not: it
+    may be wrong, and that is worth an evaluation. Otherwise robots that know their place are asked.
 
     Raises
     ------
@@ -240,12 +243,12 @@ def _check_frame(grid: _Read, true: Truth, path: Path) -> tuple[str, ...]:
     name = printable(str(path))
     if not true.walls:
         raise TruthError(f"{name}: found no walls, expected some")
-    walls, matched_any = np.array(true.walls, dtype=np.float64), False
+    walls = np.array(true.walls, dtype=np.float64)
+    laid = [np.empty((0, 4))]
     for outing in grid.outings:
         track = true.tracks.get((outing.version.robot, outing.version.excursion))
         rows = {} if track is None else matched(outing.version, track)
         if track is not None and rows:
-            matched_any = True
             off = float(np.median(apart(outing.version, track, rows)))
             if off > ROUNDED_M:
                 raise TruthError(
@@ -253,19 +256,43 @@ def _check_frame(grid: _Read, true: Truth, path: Path) -> tuple[str, ...]:
                     f"believed itself {off:.2f} m from where the log has it, expected the logs' "
                     "own truth"
                 )
-    if matched_any:
-        return ()
+            laid.append(true_walls(outing.version, track, rows))
+    if len(laid) > 1:
+        from_tracks = astray(np.concatenate(laid), walls), f"{_SEEN} from its tracks"
+        return _doubts(name, [from_tracks], FROM_TRACKS)
+    return _doubts(
+        name,
+        [
+            (sightings(grid.outings, walls), f"{_SEEN} by robots that knew their place"),
+            (
+                crossings(grid.outings, walls, grid.resolution),
+                "runs by robots that knew their place go through its walls",
+            ),
+        ],
+        IMPOSSIBLE,
+    )
+
+
+_SEEN = "walls lie near none of its walls, as seen"
+
+
+def _doubts(
+    name: str, testimony: Sequence[tuple[Witnesses, str]], impossible: float
+) -> tuple[str, ...]:
+    """Refuse a truth that too large a share of witnesses belie, and return what some do.
+
+    Raises
+    ------
+    TruthError
+        ``file: how many of how many what``.
+    """
     told = []
-    for witnesses, what in (
-        (sightings(grid.outings, walls), "walls seen {} lie near none of its walls"),
-        (crossings(grid.outings, walls, grid.resolution), "runs {} go through its walls"),
-    ):
+    for witnesses, what in testimony:
         line = (
-            f"{name}: {witnesses.belied} of {witnesses.asked} "
-            f"{what.format('by robots that knew their place')}: is it of another frame or "
+            f"{name}: {witnesses.belied} of {witnesses.asked} {what}: is it of another frame or "
             "resolution?"
         )
-        if witnesses.belied > IMPOSSIBLE * witnesses.asked:
+        if witnesses.belied > impossible * witnesses.asked:
             raise TruthError(line)
         if witnesses.belied > DOUBTFUL * witnesses.asked:
             told.append(line)

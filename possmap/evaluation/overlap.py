@@ -64,9 +64,14 @@ def _reach(run: Segment) -> float:
 def sightings(outings: Iterable[Outing], walls: Segments) -> Witnesses:
     """Count what robots that know their place saw of walls, and what of it lies near none."""
     seen = [hit for outing in outings for one in strokes(outing) for hit in one.hits if _knows(hit)]
-    middles = np.array([((s.x0 + s.x1) / 2, (s.y0 + s.y1) / 2) for s in seen]).reshape(-1, 2)
-    astray = sum(_farther(part, walls) for part in np.array_split(middles, len(middles) // 64 + 1))
-    return Witnesses(len(seen), astray)
+    return astray(np.array([(s.x0, s.y0, s.x1, s.y1) for s in seen]).reshape(-1, 4), walls)
+
+
+def astray(seen: Segments, walls: Segments) -> Witnesses:
+    """Count walls that were seen, and those whose middle lies near no true wall."""
+    middles = (seen[:, :2] + seen[:, 2:]) / 2
+    parts = np.array_split(middles, len(middles) // 64 + 1)
+    return Witnesses(len(seen), sum(_farther(part, walls) for part in parts))
 
 
 def _farther(places: Floats, walls: Segments) -> int:

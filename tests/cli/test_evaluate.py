@@ -237,13 +237,25 @@ def test_a_truth_of_another_frame_is_refused(tmp_path: Path) -> None:
     for walls in ([[100, 0, 100, 5]], [[v * 10 for v in wall] for wall in ROOM[1:3]]):
         truth = written(tmp_path, walls_only(walls), "far.json")
         assert refusal(grid, truth) == (
-            f"{truth}: 3 of 3 walls seen by robots that knew their place lie near none of its "
-            "walls: is it of another frame or resolution?"
+            f"{truth}: 3 of 3 walls lie near none of its walls, as seen by robots that knew their "
+            "place: is it of another frame or resolution?"
         )
     across = [*ROOM, [1, -1, 1, 3], [-1, 1, 3, 1]]
     truth = written(tmp_path, walls_only(across), "across.json")
     assert refusal(grid, truth) == (
         f"{truth}: 3 of 3 runs by robots that knew their place go through its walls: "
+        "is it of another frame or resolution?"
+    )
+
+
+@pytest.mark.parametrize(("scale", "shift", "astray"), [(1, 5, 3), (10, 1, 1)])
+def test_walls_of_another_frame_than_their_own_tracks_are_refused(
+    scale: float, shift: float, astray: int, tmp_path: Path
+) -> None:
+    walls = [[scale * value + shift for value in wall] for wall in ROOM]
+    path = written(tmp_path, {**TRUTH, "walls": walls})
+    assert refusal(fused(tmp_path), path) == (
+        f"{path}: {astray} of 3 walls lie near none of its walls, as seen from its tracks: "
         "is it of another frame or resolution?"
     )
 
