@@ -111,7 +111,7 @@ class World:
         to_x, to_y = near[:, 2] - x[:, None], near[:, 3] - y[:, None]
         across, across2 = from_y * cos - from_x * sin, to_y * cos - to_x * sin
         along, along2 = from_x * cos + from_y * sin, to_x * cos + to_y * sin
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             share = across / (across - across2)
             distance = along + share * (along2 - along)
         hit = (across * across2 <= 0) & (across != across2) & (distance >= 0) & (distance <= reach)
@@ -170,7 +170,7 @@ def _first(
     across, across2 = from_y * cos - from_x * sin, to_y * cos - to_x * sin
     # Shares of the segment at which it enters and leaves |across| <= half_width.
     rise = across2 - across
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         one, other = (-half_width - across) / rise, (half_width - across) / rise
     level = rise == 0
     inside = np.abs(across) <= half_width
