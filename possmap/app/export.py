@@ -2,32 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
-from typing import BinaryIO
 
 from possmap.core.lattice import Window
 from possmap.errors import OutputError, did_you_mean, printable, shown
-from possmap.files.atomic import replacing
+from possmap.files.atomic import replacing_all
+from possmap.files.exports.bands import holds_evidence
+from possmap.files.exports.formats import FORMATS, WRITTEN_WITH, Format
+from possmap.files.exports.job import Choices, Job
 from possmap.files.gridfile.grid import MOST_CELLS, Grid
-from possmap.files.npz import write_npz
-
-FORMATS: Mapping[str, Callable[[Grid, Window, BinaryIO], None]] = MappingProxyType(
-    {".npz": write_npz}
-)
 
 
 @dataclass(frozen=True, slots=True)
 class ExportSummary:
-    """What was written. ``origin``: lower left corner of the first cell [m]."""
+    """What was written.
 
-    output: Path
+    outputs : the file asked for, then those that go with it.
+    origin : lower left corner of the first cell [m].
+    """
+
+    outputs: tuple[Path, ...]
     rows: int
     columns: int
     origin: tuple[float, float]
     resolution: float
+
+    @property
+    def output(self) -> Path:
+        """The file asked for."""
+        return self.outputs[0]
 
 
 def export(
@@ -35,26 +40,63 @@ def export(
     output: Path,
     window_m: tuple[float, float, float, float] | None = None,
     overwrite: bool = False,
+    choices: Choices | None = None,
 ) -> ExportSummary:
     """Write a grid, or a window of it given as x0, y0, x1, y1 [m].
 
     Raises
     ------
     OutputError
-        For a suffix without a format, no evidence, too many cells, or an output that exists.
+        For a suffix without a format, no evidence, too many cells, a format whose library is not
+        installed, or an output that exists.
     GridError
         If ``path`` is no grid.
     """
-    write = FORMATS.get(output.suffix.lower())
-    if write is None:
-        guess = did_you_mean(output.suffix, FORMATS) or f", expected one of {', '.join(FORMATS)}"
-        raise OutputError(f"{printable(str(output))}: unknown suffix {shown(output.suffix)}{guess}")
-    refuse_itself(path, output)
+    chosen = format_of(output)
+    choices = choices or Choices()
+    outputs = (output, *chosen.beside(output, choices))
+    for one in outputs:
+        refuse_itself(path, one)
     with Grid(path) as grid, grid.snapshot():
         window = chosen_window(grid, window_m)
-        with replacing(output, overwrite) as stream:
-            write(grid, window, stream)
-        return ExportSummary(output, *window.shape, grid.origin(window), grid.resolution)
+        if not chosen.may_be_empty:
+            refuse_nothing(grid, window)
+        with replacing_all(outputs, overwrite) as streams:
+            chosen.write(Job(grid, window, window_m, outputs, choices), streams)
+        return ExportSummary(outputs, *window.shape, grid.origin(window), grid.resolution)
+
+
+def format_of(output: Path) -> Format:
+    """Return the format of an output's suffix.
+
+    Raises
+    ------
+    OutputError
+        If there is none.
+    """
+    suffix = output.suffix.lower()
+    if suffix in FORMATS:
+        return FORMATS[suffix]
+    if suffix in WRITTEN_WITH:
+        guess = f", expected {WRITTEN_WITH[suffix]}, which writes {suffix} beside it"
+    else:
+        guess = did_you_mean(suffix, FORMATS) or f", expected one of {', '.join(FORMATS)}"
+    raise OutputError(f"{printable(str(output))}: unknown suffix {shown(output.suffix)}{guess}")
+
+
+def strange_options(output: Path, names: Iterable[str]) -> list[tuple[str, list[str]]]:
+    """Return those of the options named that the output's format does not heed.
+
+    With each, the suffixes that do. Empty if there is no such format: exporting says so.
+    """
+    chosen = FORMATS.get(output.suffix.lower())
+    if chosen is None:
+        return []
+    return [
+        (name, [suffix for suffix, one in FORMATS.items() if name in one.options])
+        for name in names
+        if name not in chosen.options
+    ]
 
 
 def refuse_itself(grid: Path, output: Path) -> None:
@@ -65,6 +107,19 @@ def refuse_itself(grid: Path, output: Path) -> None:
         return  # writing it says why
     if same:
         raise OutputError(f"{printable(str(output))}: is the grid itself, expected another file")
+
+
+def refuse_nothing(grid: Grid, window: Window) -> None:
+    """Raise OutputError if no cell of a window holds evidence."""
+    everything = chosen_window(grid, None, most=None)
+    if holds_evidence(grid, window):
+        return
+    x0, y0 = grid.lattice.corner_of(everything.row0, everything.column0)
+    x1, y1 = grid.lattice.corner_of(everything.row1, everything.column1)
+    raise OutputError(
+        f"{printable(str(grid.path))}: nothing in the window; all evidence lies within "
+        f"{x0:.2f},{y0:.2f},{x1:.2f},{y1:.2f}"
+    )
 
 
 def chosen_window(

@@ -9,6 +9,22 @@ import click
 from possmap.cli import options
 
 
+def _layer(name: str) -> str:
+    from possmap.errors import did_you_mean, shown
+    from possmap.files.exports.job import LAYERS
+
+    if name not in LAYERS:
+        guess = did_you_mean(name, LAYERS) or f", expected one of {', '.join(LAYERS)}"
+        raise click.BadParameter(f"unknown layer {shown(name)}{guess}")
+    return name
+
+
+def _layers_like(begun: str) -> list[str]:
+    from possmap.files.exports.job import LAYERS
+
+    return [name for name in LAYERS if name.startswith(begun)]
+
+
 @click.command(epilog="Example: possmap export site.possmap -o site.npz")
 @options.grid_argument
 @click.option(
@@ -17,9 +33,36 @@ from possmap.cli import options
     required=True,
     type=click.Path(path_type=Path),
     metavar="OUT",
-    help="What to write; its suffix says how: .npz.",
+    help="What to write; its suffix says how: .npz, .yaml, .geojson, .csv, .png, .svg, .dxf, .bt "
+    "or .ot.",
 )
 @options.window
+@click.option(
+    "--mode",
+    type=click.Choice(["trinary", "scale", "raw"]),
+    help="How map_server reads a .yaml's image.  [default: trinary]",
+)
+@click.option(
+    "--occupied",
+    type=click.FloatRange(0, 1, min_open=True),
+    metavar="N",
+    help="A cell is occupied where its necessity reaches this (.yaml, .svg, .dxf, .bt)."
+    "  [default: 0.5]",
+)
+@click.option(
+    "--free",
+    type=click.FloatRange(0, 1, max_open=True),
+    metavar="P",
+    help="Else it is free where its possibility is not above this (.yaml, .bt).  [default: 0.5]",
+)
+@click.option(
+    "--layer",
+    callback=lambda ctx, param, name: None if name is None else _layer(name),
+    metavar="NAME",
+    shell_complete=lambda ctx, param, begun: _layers_like(begun),
+    help="What a .png shows: a view, or points.  [default: necessity]",
+)
+@options.base_rate
 @options.overwrite
 @click.pass_context
 def export(
@@ -28,21 +71,65 @@ def export(
     grid: Path,
     output: Path,
     window: tuple[float, float, float, float] | None,
+    mode: str | None,
+    occupied: float | None,
+    free: float | None,
+    layer: str | None,
+    config: Path | None,
+    base_rate: float | None,
     overwrite: bool,
 ) -> None:
     """Write a grid in a format that other programs read.
 
+    \b
+    .npz      arrays of N and the possibility (Python)
+    .yaml     a ROS map, with its image .pgm (--mode scale: .png) beside it
+    .geojson  tracks, walls with their error, corners, the map's outline (GIS)
+    .csv      a line for each cell that holds evidence
+    .png      one layer in 16 bits, with its world file .pgw beside it (GIS)
+    .svg      walls, sightings and tracks as a drawing
+    .dxf      the same for CAD; needs: pip install 'possmap[dxf]'
+    .bt .ot   OctoMap, one sheet of voxels; needs: pip install 'possmap[octomap]'
+
     .npz holds float32 arrays necessity and possibility of shape (rows, columns), row 0 at the
     lowest y; origin, the (x, y) in metres of the lower left corner of cell [0, 0]; and resolution,
-    metres per cell.
-    """
+    metres per cell. docs/export.md describes the others.
+    """  # noqa: D301 (click's own mark: keep these lines apart)
     from possmap.app.export import export as write
+    from possmap.app.export import strange_options
     from possmap.errors import printable
+    from possmap.files.exports.job import Choices
 
-    done = write(grid, output, window, overwrite)
+    given = {
+        name: value
+        for name, value in (
+            ("mode", mode),
+            ("occupied", occupied),
+            ("free", free),
+            ("layer", layer),
+            ("base_rate", base_rate),
+        )
+        if value is not None
+    }
+    for name, suffixes in strange_options(output, given):
+        raise click.UsageError(
+            f"--{name.replace('_', '-')} belongs to {', '.join(suffixes)}, not to {output.suffix}."
+        )
+    try:
+        choices = Choices(
+            mode=mode or "trinary",
+            occupied=0.5 if occupied is None else occupied,
+            free=0.5 if free is None else free,
+            layer=layer or "necessity",
+            base_rate=options.chosen_base_rate(config, base_rate),
+        )
+    except ValueError as error:  # NaN lies in every range
+        raise click.UsageError(str(error)) from error
+    done = write(grid, output, window, overwrite, choices)
     if not ctx.obj["quiet"]:
         x, y = done.origin
+        names = " and ".join(printable(str(path)) for path in done.outputs)
         click.echo(
-            f"{printable(str(done.output))}: {done.rows} rows × {done.columns} columns "
+            f"{names}: {done.rows} rows × {done.columns} columns "
             f"of {done.resolution:g} m, from ({x:.2f}, {y:.2f})"
         )

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import secrets
-from collections.abc import Iterator
-from contextlib import contextmanager
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
@@ -21,21 +23,89 @@ def replacing(path: Path, overwrite: bool) -> Iterator[BinaryIO]:
     OutputError
         If ``path`` exists and ``overwrite`` is off, its folder does not, or the disk refuses.
     """
-    name = printable(str(path))
+    with replacing_all((path,), overwrite) as (stream,):
+        yield stream
+
+
+@contextmanager
+def replacing_all(paths: Sequence[Path], overwrite: bool) -> Iterator[Sequence[BinaryIO]]:
+    """Open files that belong together; all take their names when the block ends well, or none.
+
+    If the machine stops between two renames, the first path's file is the one that is missing or
+    old: it is the one that names the others.
+
+    Raises
+    ------
+    OutputError
+        If one of them exists and ``overwrite`` is off, its folder does not, the disk refuses, or
+        two are one file.
+    """
+    name = " and ".join(printable(str(path)) for path in paths)
     try:
-        target = path.resolve()  # of a link, what it points to
-        check_output(path, overwrite)
-        beside = target.with_name(f".{target.name[:40]}.{secrets.token_hex(4)}")
-        handle = os.open(beside, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+        for path in paths:
+            check_output(path, overwrite)
+        targets = [path.resolve() for path in paths]  # of a link, what it points to
+        if len(set(targets)) < len(targets):
+            raise OutputError(f"{name}: lead to one file, expected {len(targets)}")
+        besides = [_beside(target) for target in targets]
         try:
-            with os.fdopen(handle, "w+b") as stream:
-                yield stream
-            beside.replace(target)
+            with ExitStack() as opened:
+                yield [opened.enter_context(_created(beside)) for beside in besides]
+            _rename(besides, targets)
         except BaseException:
-            beside.unlink(missing_ok=True)
+            for beside in besides:
+                beside.unlink(missing_ok=True)
             raise
     except OSError as error:
         raise OutputError(f"{name}: cannot be written: {error.strerror or error}") from error
+
+
+def _beside(target: Path) -> Path:
+    """Return a name in the same folder that nothing has."""
+    return target.with_name(f".{target.name[:40]}.{secrets.token_hex(4)}")
+
+
+def _created(path: Path) -> BinaryIO:
+    return os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666), "w+b")
+
+
+def _rename(besides: Sequence[Path], targets: Sequence[Path]) -> None:
+    """Give all files their names, the first last; if one cannot have it, take back the others'."""
+    done: list[tuple[Path, Path | None]] = []
+    try:
+        for beside, target in reversed(list(zip(besides, targets, strict=True))):
+            kept = _kept(target) if len(targets) > 1 else None
+            done.append((target, kept))
+            try:
+                beside.replace(target)
+            except BaseException:
+                done.pop()
+                if kept is not None:
+                    kept.unlink(missing_ok=True)
+                raise
+    except BaseException:
+        for target, kept in done:
+            with contextlib.suppress(OSError):
+                if kept is None:
+                    target.unlink()
+                else:
+                    kept.replace(target)
+        raise
+    for _, kept in done:
+        if kept is not None:
+            kept.unlink(missing_ok=True)
+
+
+def _kept(target: Path) -> Path | None:
+    """Keep what has a name now under another one too; None if there is nothing to keep."""
+    if not target.exists():
+        return None
+    kept = _beside(target)
+    try:
+        os.link(target, kept)
+    except OSError:  # not every file system has links
+        shutil.copyfile(target, kept)
+    return kept
 
 
 def check_output(path: Path, overwrite: bool) -> None:
@@ -50,5 +120,7 @@ def check_output(path: Path, overwrite: bool) -> None:
         if not target.parent.is_dir():
             folder = printable(str(target.parent if path.is_symlink() else path.parent))
             raise OutputError(f"{name}: the folder {folder} does not exist")
+    except RuntimeError as error:  # until Python 3.13
+        raise OutputError(f"{name}: a link that leads to itself, expected a file") from error
     except OSError as error:
         raise OutputError(f"{name}: cannot be written: {error.strerror or error}") from error

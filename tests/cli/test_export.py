@@ -122,7 +122,11 @@ def test_quiet_prints_nothing(grid: Path, tmp_path: Path) -> None:
     [
         ("no/site.npz", "the folder {folder} does not exist"),
         ("site.npx", 'unknown suffix ".npx", did you mean ".npz"?'),
-        ("site", 'unknown suffix "", expected one of .npz'),
+        (
+            "site",
+            'unknown suffix "", expected one of .npz, .yaml, .yml, .geojson, .csv, .png, .svg, '
+            ".dxf, .bt, .ot",
+        ),
         (".", None),
         ("a" * 300 + ".npz", None),
     ],

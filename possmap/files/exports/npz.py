@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import BinaryIO
 
 import numpy as np
@@ -11,19 +11,21 @@ from numpy.lib import format as npy
 
 from possmap.core.lattice import Window
 from possmap.core.views import CellArray
-from possmap.files.gridfile.grid import Grid
+from possmap.files.exports.job import Job
 
 CELLS_AT_ONCE = 1 << 20
 """Cells in memory, whatever the window's shape."""
 
 
-def write_npz(grid: Grid, window: Window, stream: BinaryIO) -> None:
+def write_npz(job: Job, streams: Sequence[BinaryIO]) -> None:
     """Write ``necessity`` and ``possibility`` (rows, columns), ``origin`` [m] and ``resolution``.
 
-    Row 0 is the lowest y; ``origin`` is the lower left corner of cell [0, 0]. The same grid gives
-    the same bytes.
+    Row 0 is the lowest y; ``origin`` is the lower left corner of cell [0, 0]. The archive's comment
+    holds the rest, so that the arrays stay these four. The same grid gives the same bytes.
     """
-    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+    grid, window = job.grid, job.window
+    with zipfile.ZipFile(streams[0], "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        archive.comment = "\n".join(f"{key}: {fact}" for key, fact in job.facts().items()).encode()
         _layer(archive, "necessity", window, grid.necessity)
         _layer(archive, "possibility", window, grid.possibility)
         _small(archive, "origin", np.array(grid.origin(window)))

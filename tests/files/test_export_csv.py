@@ -1,0 +1,75 @@
+"""The CSV of cells: a line for each that holds evidence, and no other."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings as budget
+from hypothesis import strategies as st
+from maps import Pairs, drawn_grid, write_grid
+
+from possmap.app.export import export
+from possmap.files.exports import cells_csv
+from possmap.files.gridfile.grid import Grid
+
+HEAD = ["row", "column", "x", "y", "necessity", "possibility", "points"]
+
+
+def test_a_drawing_becomes_these_lines(tmp_path: Path) -> None:
+    path = drawn_grid(tmp_path / "site.possmap", ["?#", ".?"], -2, -1)
+    export(path, tmp_path / "site.csv")
+    text = (tmp_path / "site.csv").read_text(encoding="utf-8")
+    with Grid(path) as grid:
+        assert f"# digest: {grid.digest()}\n" in text
+    assert [line.split(": ")[0] for line in text.splitlines() if line.startswith("#")] == [
+        "# possmap", "# digest", "# resolution", "# frame", "# origin", "# cells",
+    ]  # fmt: skip
+    assert text.partition("row,")[2].splitlines()[1:] == [
+        "-2,-1,-0.25,-0.75,0,0,0",
+        "-1,0,0.25,-0.25,0.999999887,1,0",
+    ]
+
+
+values = st.integers(0, 65535).map(lambda level: level / 65535)
+grids = st.dictionaries(
+    st.tuples(st.integers(-3, 3), st.integers(-3, 3) | st.integers(254, 258)),
+    st.tuples(values, values).filter(lambda pair: pair != (0.0, 1.0)),
+    min_size=1,
+    max_size=12,
+)
+
+
+@budget(max_examples=40, deadline=None)
+@given(grids, st.sampled_from([1 << 19, 700, 40, 1]))
+def test_the_lines_are_the_cells_in_order(cells: Pairs, at_once: int) -> None:
+    with TemporaryDirectory() as name, pytest.MonkeyPatch.context() as patch:
+        path = write_grid(Path(name) / "site.possmap", cells, 0.05)
+        patch.setattr(cells_csv, "_AT_ONCE", at_once)
+        export(path, Path(name) / "site.csv")
+        with (Path(name) / "site.csv").open(encoding="utf-8") as stream:
+            lines = list(csv.reader(line for line in stream if not line.startswith("#")))
+        with Grid(path) as grid:
+            window = grid.window
+            assert window is not None
+            necessity, possibility = grid.necessity(), grid.possibility()
+            centre_of = grid.lattice.centre_of
+    assert lines[0] == HEAD
+    read = [[float(number) for number in line] for line in lines[1:]]
+    assert [(row, column) for row, column, *_ in read] == sorted(cells)
+    for row, column, x, y, n, p, points in read:
+        assert (x, y) == pytest.approx(centre_of(int(row), int(column)), abs=1e-9)
+        at = int(row) - window.row0, int(column) - window.column0
+        assert (n, p, points) == pytest.approx((necessity[at], possibility[at], 0), abs=1e-8)
+
+
+def test_numpy_reads_it_as_it_is(tmp_path: Path) -> None:
+    path = drawn_grid(tmp_path / "site.possmap", ["##", "#."])
+    export(path, tmp_path / "site.csv")
+    table = np.genfromtxt(tmp_path / "site.csv", delimiter=",", names=True, skip_header=6)
+    assert table.dtype.names == tuple(HEAD)
+    assert table["necessity"].round(6).tolist() == [1, 0, 1, 1]

@@ -1,0 +1,95 @@
+"""Outlines of a grid: the same whether its tiles lie side by side or far apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import pytest
+from hypothesis import given
+from hypothesis import settings as budget
+from hypothesis import strategies as st
+from maps import Pairs, cells_of, write_grid
+
+from possmap.app.export import export
+from possmap.errors import OutputError
+from possmap.files.exports import shapes
+from possmap.files.exports.job import Choices, Job
+from possmap.files.exports.outline import Polygon
+from possmap.files.gridfile.grid import Grid
+
+# Beside and on the borders of tiles, with tiles left out between, below and above (0, 0).
+places = st.sampled_from([-700, -600, -257, -256, -255, -1, 0, 1, 254, 255, 256, 257, 1000])
+grids: st.SearchStrategy[Pairs] = st.dictionaries(
+    st.tuples(places, places), st.just((1.0, 1.0)), min_size=1, max_size=14
+)
+
+
+def outlines(cells: Mapping[tuple[int, int], tuple[float, float]]) -> list[Polygon]:
+    """Return the walls' outlines, on the lattice of the grid."""
+    with TemporaryDirectory() as name:
+        path = write_grid(Path(name) / "site.possmap", dict(cells))
+        with Grid(path) as grid:
+            window = grid.window
+            assert window is not None
+            job = Job(grid, window, None, (Path("site.svg"),), Choices())
+            found = shapes.outline_of_walls(job)
+            assert found == shapes.outline_of_evidence(job)
+
+    def moved(ring: list[tuple[int, int]]) -> list[tuple[int, int]]:
+        return [(column + window.column0, row + window.row0) for column, row in ring]
+
+    return [Polygon(moved(one.shell), [moved(hole) for hole in one.holes]) for one in found]
+
+
+@budget(max_examples=25, deadline=None)
+@given(grids, st.sampled_from([1 << 22, 3000]))
+def test_single_cells_lie_where_they_are(cells: Pairs, at_once: int) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(shapes, "_AT_ONCE", at_once)
+        found = outlines(cells)
+    area = 0
+    for polygon in found:
+        (x0, y0), *_ = polygon.shell
+        assert (y0, x0) in cells, "a polygon begins at the lower left corner of a cell of it"
+        for ring in (polygon.shell, *polygon.holes):
+            for (ax, ay), (bx, by) in zip(ring, ring[1:] + ring[:1], strict=True):
+                area += ax * by - ay * bx
+    assert area == 2 * len(cells)
+
+
+def test_a_room_across_four_tiles_is_one_outline_with_one_hole() -> None:
+    drawn = ["####", "#..#", "#..#", "####"]
+    walls = {place: pair for place, pair in cells_of(drawn, -2, 254).items() if pair == (1.0, 1.0)}
+    far = dict.fromkeys(((5000, 9000), (5000, 9001)), (1.0, 1.0))
+    assert outlines({**walls, **far}) == [
+        Polygon(
+            [(254, -2), (258, -2), (258, 2), (254, 2)],
+            [[(255, -1), (255, 1), (257, 1), (257, -1)]],
+        ),
+        Polygon([(9000, 5000), (9002, 5000), (9002, 5001), (9000, 5001)], []),
+    ]
+
+
+def test_more_rows_or_columns_than_fit_in_memory_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shapes, "_AT_ONCE", 600)
+    cells = {(0, column): (1.0, 1.0) for column in (0, 300, 600)}
+    for name, some in (("wide", cells), ("high", {(c, r): pair for (r, c), pair in cells.items()})):
+        grid = write_grid(tmp_path / f"{name}.possmap", some)
+        with pytest.raises(OutputError, match="evidence in 768 rows or columns, expected at most"):
+            export(grid, tmp_path / f"{name}.svg")
+        export(grid, tmp_path / f"{name}.svg", (0, 0, 1, 1))
+
+
+def test_an_outline_that_is_too_jagged_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("possmap.files.exports.outline.MOST_CORNERS", 7)
+    grid = write_grid(tmp_path / "site.possmap", cells_of(["#?#"]))
+    for suffix in (".svg", ".dxf", ".geojson"):
+        with pytest.raises(OutputError, match=r"outlines of more than .* corners, expected fewer"):
+            export(grid, tmp_path / f"site{suffix}")
+    export(grid, tmp_path / "site.svg", (0, 0, 0.5, 0.5))
