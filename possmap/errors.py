@@ -18,7 +18,7 @@ class SettingsError(PossmapError):
 
 
 class LogError(PossmapError):
-    """A place in a partial-map log that cannot be trusted.
+    """A place in a log or a recording that cannot be trusted.
 
     Parameters
     ----------
@@ -38,12 +38,31 @@ class ConflictError(LogError):
     """A version of an excursion that disagrees with one already known (METHOD §3, Versions)."""
 
 
+class RecordingError(LogError):
+    """A place in somebody's recording that cannot be used."""
+
+
 class GridError(PossmapError):
     """A grid file that is not one, is damaged, newer than this program, or in use."""
 
 
 class WorkerError(PossmapError):
     """A process of ``--jobs`` that ended before its work did."""
+
+
+class MissingExtra(PossmapError):
+    """A package that only some commands need, and that is not installed.
+
+    Parameters
+    ----------
+    what
+        What needs it.
+    extra
+        The extra of possmap that brings it.
+    """
+
+    def __init__(self, what: str, extra: str) -> None:
+        super().__init__(f"{what} needs the extra {extra}: pip install 'possmap[{extra}]'")
 
 
 class OutputError(PossmapError):

@@ -109,11 +109,22 @@ def request(
     flags = {} if resolution is None else _given("resolution", resolution, "--resolution")
     sets: dict[str, Any] = {}
     for text in overrides:
-        name, equals, value = text.partition("=")
-        if not equals:
-            raise click.BadParameter(f"{text!r}, expected KEY=VALUE", param_hint="--set")
-        sets |= _given(name.strip(), value.strip(), "--set")
+        sets |= _given(*pair(text), "--set")
     return Request(profile, config, flags, sets)
+
+
+def pair(text: str) -> tuple[str, str]:
+    """Return key and value of what stands behind ``--set``.
+
+    Raises
+    ------
+    click.BadParameter
+        If there is no equals sign.
+    """
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise click.BadParameter(f"{text!r}, expected KEY=VALUE", param_hint="--set")
+    return name.strip(), value.strip()
 
 
 def _given(name: str, text: str, origin: str) -> GivenSettings:

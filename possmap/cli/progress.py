@@ -30,3 +30,16 @@ def clock() -> Iterator[Callable[[float, float], None]]:
                 shown.update(round(gone - shown.n))
 
         yield tell
+
+
+@contextmanager
+def bytes_read(size: int, what: str) -> Iterator[Callable[[int], None]]:
+    """Show how much of a file is read: yields what is told the bytes read since."""
+    from tqdm import tqdm
+
+    with tqdm(total=size, unit="B", unit_scale=True, desc=what, disable=None, leave=False) as shown:
+
+        def tell(count: int) -> None:
+            shown.update(count)
+
+        yield tell

@@ -21,11 +21,7 @@ def overrides_of(seed: int | None, robots: int | None, sets: tuple[str, ...]) ->
         given["seed"] = str(seed)
     if robots is not None:
         given["robots"] = str(robots)
-    for text in sets:
-        name, equals, value = text.partition("=")
-        if not equals:
-            raise click.BadParameter(f"{text!r}, expected KEY=VALUE", param_hint="--set")
-        given[name.strip()] = value.strip()
+    given |= dict(map(options.pair, sets))
     return given
 
 

@@ -1,0 +1,238 @@
+"""How one topic of a bag is read: what is taken out of each message, and what it is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Mapping as MappingABC
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from possmap.conversion.samples import Mount
+from possmap.errors import RecordingError, printable, shown
+from possmap.files.recordings.beams import chosen, of_scan
+from possmap.files.recordings.mapping import STANDARD_UNITS, Mapping, Scan, Table
+from possmap.files.recordings.rosbag.bag import Bag, Decoder, Topic
+from possmap.files.recordings.rosbag.fields import Fields, Getter, short
+from possmap.files.recordings.rosbag.types import LIMITS, POSES, RANGE, SCAN
+
+Row: TypeAlias = Callable[[object], list[float] | None]
+"""What a message says, as Plan has it; None of a scan of another layout."""
+
+STUBBORN = 100
+"""So many messages in a row that cannot be read, and none can."""
+
+_LOOKED_AT = 10  # messages, to see whether anybody stamps them
+_SAME_ANGLE = 1e-5  # [rad]
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """How to read one table.
+
+    Attributes
+    ----------
+    mapping
+        Whose units hold for this topic.
+    roles, limited, mounts
+        What a row has: the value of each role, then the shortest and longest range that mean
+        something if it is limited, then a range for each mount.
+    stamp
+        What takes the time out of a message; None where the bag's own counts.
+    unstamped
+        Whether that is so although the messages have a stamp: it is 0.
+    """
+
+    topic: Topic
+    table: Table
+    mapping: Mapping
+    decode: Decoder
+    row: Row
+    roles: tuple[str, ...]
+    limited: bool
+    mounts: tuple[Mount, ...]
+    stamp: Getter | None
+    unstamped: bool
+
+
+@dataclass(frozen=True, slots=True)
+class _Taken:
+    """What stands in a row behind the roles.
+
+    mounts : of the ranges. getters : with their paths, of the limits and of single ranges.
+    listed : of a list of ranges. used, count : which of them, of how many.
+    layout : of what must be as in the first message, with the values there.
+    """
+
+    mounts: Sequence[Mount] = ()
+    getters: Sequence[tuple[str, Getter]] = ()
+    listed: Getter | None = None
+    used: Sequence[int] = ()
+    count: int = 0
+    layout: Sequence[tuple[Getter, float]] = ()
+
+
+def names_fields(table: Table) -> bool:
+    """Whether a table says itself what is where, and its topic's type does not matter."""
+    named = table.columns.keys() - {"t"} or any(beam.column for beam in table.beams)
+    return bool(named) or table.scan is not None
+
+
+def planned(
+    bag: Bag, topic: Topic, table: Table, mapping: Mapping, wanted: Sequence[float], stamped: bool
+) -> Plan:
+    """Return how to read a table; the first messages of its topic tell how long lists are.
+
+    Parameters
+    ----------
+    wanted
+        Angles of the beams used [rad].
+    stamped
+        Whether the header's time counts, where there is one.
+
+    Raises
+    ------
+    RecordingError
+        If a field is missing, or no message can be read.
+    """
+    fields, decode = bag.decoder(topic)
+    first = list(_first(bag, topic, decode))
+    named = names_fields(table)
+    if named:
+        taken = _named(fields, first[0], table, wanted)
+    elif topic.type in POSES:
+        table = replace(table, columns={**table.columns, **POSES[topic.type]})
+        taken = _Taken()
+    elif topic.type == SCAN:
+        taken = _standard_scan(fields, first[0], wanted)
+    elif topic.type == RANGE:
+        taken = _standard_range(fields, table, wanted)
+    else:
+        raise RecordingError(
+            str(bag.path),
+            f"topic {printable(topic.name)}: {short(topic.type)} is no type that is understood by "
+            f"itself, expected --topic TOPIC:ROLE=FIELD,...; it has the fields {fields.top()}",
+        )
+    roles = [(path, fields.number(path)) for path in table.columns.values()]
+    for path, get in (*roles, *taken.getters):
+        _check_first(fields, path, get, first[0])
+    stamp = fields.stamp() if stamped and "t" not in table.columns else None
+    unstamped = stamp is not None and not any(stamp(message) for message in first)
+    return Plan(
+        topic,
+        table,
+        replace(mapping, units=_units(mapping, fields, table, named)),
+        decode,
+        _row([get for _, get in roles], taken),
+        tuple(table.columns),
+        not named and bool(taken.mounts),
+        tuple(taken.mounts),
+        None if unstamped else stamp,
+        unstamped,
+    )
+
+
+def _units(mapping: Mapping, fields: Fields, table: Table, named: bool) -> MappingABC[str, str]:
+    """Return whose units hold: the mapping's for fields that it names, else the standard's."""
+    units = dict(mapping.units if named else STANDARD_UNITS)
+    told = "t" in table.columns and not fields.is_time(table.columns["t"])
+    units["time"] = mapping.units.get("time", "s") if told else "s"
+    return units
+
+
+def _first(bag: Bag, topic: Topic, decode: Decoder) -> Iterator[Any]:
+    """Yield the first messages that can be read, at least one."""
+    found = failed = 0
+    error: Exception | None = None
+    for _, _, data in bag.messages(topic.ids):
+        try:
+            message = decode(data)
+        except Exception as fault:  # of rosbags alone: damaged bytes can lead it anywhere
+            error = fault
+            failed += 1
+        else:
+            found += 1
+            yield message
+        if found == _LOOKED_AT or failed == STUBBORN:
+            break
+    if not found:
+        raise RecordingError(
+            str(bag.path),
+            f"topic {shown(topic.name)}: no message can be read, "
+            f"expected {short(topic.type)}" + (f" ({failed} tried)" if failed else ""),
+        ) from error
+
+
+def _check_first(fields: Fields, path: str, get: Getter, message: object) -> None:
+    try:
+        get(message)
+    except IndexError:
+        raise RecordingError(
+            fields.place,
+            f"topic {printable(fields.topic)}: {shown(path)} is behind the end of its list in the "
+            "first message",
+        ) from None
+
+
+def _standard_scan(fields: Fields, first: object, wanted: Sequence[float]) -> _Taken:
+    """Return what is taken of sensor_msgs/LaserScan."""
+    layout = [
+        (get, float(get(first))) for get in map(fields.number, ("angle_min", "angle_increment"))
+    ]
+    (_, start), (_, step) = layout
+    taken = _list(fields, first, Scan("ranges", start, step), wanted)
+    return replace(taken, getters=_limits(fields, SCAN), layout=layout)
+
+
+def _standard_range(fields: Fields, table: Table, wanted: Sequence[float]) -> _Taken:
+    """Return what is taken of sensor_msgs/Range; its table says where it looks."""
+    mounts = [table.beams[index].mount for index in _chosen(table, wanted)]
+    return _Taken(mounts, [*_limits(fields, RANGE), ("range", fields.number("range"))])
+
+
+def _limits(fields: Fields, type_: str) -> list[tuple[str, Getter]]:
+    return [(path, fields.number(path)) for path in LIMITS[type_]]
+
+
+def _named(fields: Fields, first: object, table: Table, wanted: Sequence[float]) -> _Taken:
+    """Return what is taken of the fields that a table names."""
+    if table.scan is not None:
+        return _list(fields, first, table.scan, wanted)
+    beams = [table.beams[index] for index in _chosen(table, wanted)]
+    getters = [(beam.column, fields.number(beam.column)) for beam in beams]
+    return _Taken([beam.mount for beam in beams], getters)
+
+
+def _chosen(table: Table, wanted: Sequence[float]) -> list[int]:
+    return chosen([beam.mount.angle for beam in table.beams], wanted)
+
+
+def _list(fields: Fields, first: object, scan: Scan, wanted: Sequence[float]) -> _Taken:
+    get = fields.numbers(scan.column)
+    _check_first(fields, scan.column, get, first)
+    count = scan.count or len(get(first))
+    used, mounts = of_scan(scan, count, wanted)
+    return _Taken(mounts, (), get, used, count)
+
+
+def _row(roles: Sequence[Getter], taken: _Taken) -> Row:
+    """Return what makes a row of a message: roles, limits, ranges."""
+    getters = (*roles, *(get for _, get in taken.getters))
+    listed, count, layout = taken.listed, taken.count, taken.layout
+    if listed is None:
+        return lambda message: [get(message) for get in getters]
+    picked = np.array(taken.used, dtype=np.intp)
+
+    def row(message: object) -> list[float] | None:
+        ranges = listed(message)
+        if len(ranges) != count:
+            return None
+        for get, expected in layout:
+            if not abs(get(message) - expected) <= _SAME_ANGLE:
+                return None
+        values: list[float] = [get(message) for get in getters]
+        values.extend(ranges[picked].tolist())
+        return values
+
+    return row
