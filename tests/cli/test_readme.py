@@ -41,7 +41,17 @@ def matches(shown: str, got: str) -> bool:
     return re.fullmatch(pattern, got) is not None
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/evaluate.md", "docs/diff.md"])
+@pytest.mark.parametrize(
+    "page",
+    [
+        "README.md",
+        "docs/evaluate.md",
+        "docs/diff.md",
+        "docs/export.md",
+        "docs/convert.md",
+        "docs/calibrate.md",
+    ],
+)
 def test_the_commands_of_a_page_print_what_it_shows(page: str, clone: Path) -> None:
     commands = sessions((ROOT / page).read_text(encoding="utf-8"))
     assert len(commands) >= 2
@@ -123,3 +133,13 @@ def test_links_lead_somewhere() -> None:
         for link in re.findall(r"\]\(([^)#\s]+)", text):
             if "://" not in link:
                 assert (page.parent / link).exists(), f"{page.name}: {link}"
+
+
+def test_the_picture_of_the_page_on_convert_is_the_one_its_commands_draw(clone: Path) -> None:
+    from PIL import Image, ImageChops
+
+    for command, _ in sessions((ROOT / "docs/convert.md").read_text(encoding="utf-8"))[:3]:
+        assert CliRunner().invoke(main, shlex.split(command)[1:]).exit_code == 0
+    with Image.open("hall.png") as drawn, Image.open(ROOT / "docs/pictures/hall.png") as shown:
+        apart = ImageChops.difference(drawn.convert("RGB"), shown.convert("RGB"))
+        assert apart.getbbox() is None, "draw docs/pictures/hall.png anew"

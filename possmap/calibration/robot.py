@@ -1,0 +1,151 @@
+"""One robot's trials, from first look to model: odd ones, terms, limits, tests."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from possmap.calibration.checks import (
+    Proportionality,
+    independence,
+    proportionality,
+)
+from possmap.calibration.crossval import Validation, cross_validate
+from possmap.calibration.estimates import estimates, scale_interval
+from possmap.calibration.heading import LEAST, TERMS, Term
+from possmap.calibration.model import Fit, directions, fit_model, for_tracks, lengths, paper_model
+from possmap.calibration.normality import normality
+from possmap.calibration.oddities import FEW, leftover, notes, stays
+from possmap.calibration.results import RobotResult
+from possmap.calibration.trials import Floats, Table, Trial
+
+NOTHING = 1e-6
+"""Scatter so small, in metres per metre or degrees, is none: nobody measures it."""
+
+
+class Unusable(Exception):
+    """Trials of which no model can be made; the message says why."""
+
+
+def calibrate_robot(
+    robot: str, trials: Sequence[Trial], rng: np.random.Generator, fleet: bool = False
+) -> RobotResult:
+    """Return all that the trials of one robot say.
+
+    Parameters
+    ----------
+    rng
+        Draws folds, and the tables of Lilliefors' test.
+    fleet
+        Whether they are of many robots, each an outing: all terms then stay in the model, since
+        each robot differs.
+
+    Raises
+    ------
+    Unusable
+        For too few trials, or errors without variance.
+    """
+    _refuse(trials)
+    full = fit_model(trials, fleet=fleet)
+    validation = cross_validate(trials, rng, fleet)
+    left_out = () if fleet else _not_earned(full, validation)
+    terms = frozenset(TERMS) - set(left_out)
+    chosen = fit_model(trials, terms) if left_out else full
+    if not fleet:  # of several robots it would be their differences that stay
+        chosen = for_tracks(chosen, trials)
+    table = Table.of(trials)
+    result = RobotResult(
+        robot=robot,
+        trials=tuple(trials),
+        fit=full,
+        parameters=chosen.parameters,
+        estimates=estimates(full, chosen),
+        left_out=left_out,
+        paper=paper_model(trials),
+        along_normal=None,
+        across_normal=None,
+        independent=None,
+        along_grows=None,
+        across_grows=None,
+        validation=validation,
+        leftover=leftover(full, trials) | stays(chosen),
+        notes=tuple(notes(trials, full)),
+    )
+    if full.heading.runs < LEAST:
+        return result
+    distance = table.distance[table.run]
+    stretched = lengths(table, full.heading.effect("drift")) - full.scale
+    off, said = directions(table, full.heading)
+    standard = off / said if said.min() > 0 else off
+    aside = np.radians(off) * distance
+    return replace(
+        result,
+        along_normal=normality(stretched, rng),
+        across_normal=normality(standard, rng),
+        independent=independence(stretched, standard),
+        along_grows=proportionality(stretched * distance, distance),
+        across_grows=_of_straight_runs(table, aside, distance),
+    )
+
+
+def _of_straight_runs(table: Table, aside: Floats, distance: Floats) -> Proportionality | None:
+    """Test how the error across grows: of runs without a turn before, if there are enough."""
+    straight = table.turned[table.run] == 0
+    if straight.sum() >= FEW // 2:
+        return proportionality(aside[straight], distance[straight])
+    return proportionality(aside, distance)
+
+
+def _refuse(trials: Sequence[Trial]) -> None:
+    runs = [one for one in trials if one.is_run]
+    turns = [one for one in trials if one.is_turn]
+    if len(runs) < LEAST and len(turns) < LEAST:
+        raise Unusable(
+            f"found {len(runs)} runs and {len(turns)} turns, expected at least {LEAST} of one "
+            f"of them, better {FEW}"
+        )
+    for name, some, values in (
+        ("along", runs, [one.along / one.distance for one in runs]),
+        ("across", runs, [one.across / one.distance for one in runs]),
+        ("heading", turns, [one.heading for one in turns if not math.isnan(one.heading)]),
+    ):
+        if len(values) >= LEAST and np.ptp(values) <= NOTHING:
+            place = f" (first: {some[0].place})" if some[0].place else ""
+            raise Unusable(
+                f"{name}, found no variance in {len(values)} trials, expected ends that "
+                f"differ{place}: "
+                + (
+                    "is the truth the odometry itself?"
+                    if some[0].track
+                    else "was the ruler too coarse, or the trials copied?"
+                )
+            )
+
+
+def _not_earned(full: Fit, validation: Validation | None) -> tuple[Term, ...]:
+    """Return the terms that do not make held-out rectangles better; none if that is unknown."""
+    if validation is None:
+        return ()
+    return tuple(
+        term
+        for term in TERMS
+        if term in validation.worth and not validation.worth[term].earned and not _clear(full, term)
+    )
+
+
+def _clear(full: Fit, term: Term) -> bool:
+    """Whether a known part is so clear that it matters on outings longer than the trials.
+
+    A small drift hardly moves the end of a trial, but that of a hundred metres; so a value whose
+    limits do not hold 0 stays.
+    """
+    if term == "scale":
+        limits = scale_interval(full)
+        return limits.low > 1 or limits.high < 1
+    if term not in full.heading.effects:
+        return False
+    limits = full.heading.effect_interval(term)
+    return limits.low > 0 or limits.high < 0

@@ -1,0 +1,128 @@
+"""One trial: what a robot was asked to do, and how wrong it ended (the paper's §3)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats: TypeAlias = NDArray[np.float64]
+Flags: TypeAlias = NDArray[np.bool_]
+
+UNIT_TURN_DEG = 45.0
+"""Over-turn, its spread and its noise are told for a turn of this size (METHOD §1)."""
+
+LEAST_RUN_M = 0.2
+"""A shorter run says nothing of a direction: a millimetre would be a third of a degree."""
+
+LEAST_TURN_DEG = 9.0
+"""A smaller turn is none that anyone asked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """First a turn on the spot, then a straight run; either may be nothing.
+
+    Attributes
+    ----------
+    robot, outing
+        Whose; and of which outing, if several trials belong to one.
+    distance
+        Asked for, or logged [m].
+    turn
+        Before the run, left positive [deg].
+    along, across
+        True end minus asked end, in the frame of the asked run, left positive [m].
+    heading
+        True minus asked heading at the end, left positive [deg]; NaN if nobody measured it.
+    bend
+        What the robot itself noticed of its turning during the run [deg]; recordings have it.
+    manoeuvre, place
+        What it is called, and where it stands, for messages.
+    track
+        Of which track it was cut, right behind the trial before it; empty: of none.
+    """
+
+    robot: str
+    outing: str
+    distance: float
+    turn: float
+    along: float = math.nan
+    across: float = math.nan
+    heading: float = math.nan
+    bend: float = 0.0
+    manoeuvre: str = ""
+    place: str = ""
+    track: str = ""
+
+    @property
+    def is_run(self) -> bool:
+        """Whether its end tells a direction."""
+        return self.distance >= LEAST_RUN_M and not math.isnan(self.along + self.across)
+
+    @property
+    def turned_deg(self) -> float:
+        """How far it turned, either way [deg]."""
+        return abs(self.turn) + abs(self.bend)
+
+    @property
+    def is_turn(self) -> bool:
+        """Whether it tells anything of turning."""
+        return self.turned_deg >= LEAST_TURN_DEG
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Trials as columns; n of them.
+
+    Attributes
+    ----------
+    run, told
+        Whether a trial ran, and whether its heading was measured, shape (n,).
+    distance, turn, turned
+        [m], [deg], and how far it turned before the run in units of 45°, shape (n,).
+    direction
+        Of the true end, seen from the start, against the asked run [deg]; NaN without a run.
+    stretch
+        True over asked length of the straight line to the end; NaN without a run.
+    heading
+        Error at the end [deg].
+    bend
+        [deg].
+    """
+
+    run: Flags
+    told: Flags
+    distance: Floats
+    turn: Floats
+    turned: Floats
+    direction: Floats
+    stretch: Floats
+    heading: Floats
+    bend: Floats
+
+    @classmethod
+    def of(cls, trials: Sequence[Trial]) -> Table:
+        """Return the columns of trials."""
+        run = np.array([one.is_run for one in trials], dtype=np.bool_)
+        distance, turn, along, across, heading, bend = (
+            np.array([getattr(one, name) for one in trials], dtype=np.float64)
+            for name in ("distance", "turn", "along", "across", "heading", "bend")
+        )
+        safe = np.where(run, distance, 1.0)
+        ahead, aside = np.where(run, distance + along, np.nan), np.where(run, across, np.nan)
+        return cls(
+            run=run,
+            told=~np.isnan(heading),
+            distance=np.where(run, distance, 0.0),
+            turn=turn,
+            turned=np.abs(turn) / UNIT_TURN_DEG,
+            direction=np.degrees(np.arctan2(aside, ahead)),
+            stretch=np.hypot(ahead, aside) / safe,
+            heading=heading,
+            bend=bend,
+        )
