@@ -23,11 +23,16 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 POSE = "geometry_msgs/msg/PoseStamped"
 SCAN = "sensor_msgs/msg/LaserScan"
 RANGE = "sensor_msgs/msg/Range"
+TF = "tf2_msgs/msg/TFMessage"
+TF_TEXT = "geometry_msgs/TransformStamped[] transforms\n"
 RAW = "robots/msg/Raw"
 RAW_TEXT = "std_msgs/Header header\nfloat32[] raw\nfloat32[3] fixed\nstring from\n"
 
 Message = tuple[str, int, Any]
 """Topic, the bag's time [ns], the message."""
+
+Transform = tuple[str, str, tuple[float, float, float], tuple[float, float, float, float]]
+"""Parent, child, where the child sits [m], how it is turned (a quaternion x, y, z, w)."""
 
 
 class Words:
@@ -39,6 +44,8 @@ class Words:
             Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_KILTED
         )
         self.store.register(get_types_from_msg(RAW_TEXT, RAW))
+        if TF not in self.store.fielddefs:
+            self.store.register(get_types_from_msg(TF_TEXT, TF))
 
     def new(self, type_: str, **given: Any) -> Any:
         """Return a message; what is not given is zero."""
@@ -57,11 +64,11 @@ class Words:
         size = inner[1] if kind == 3 else 0
         return np.zeros(size, dtype=inner[0][1][0])
 
-    def header(self, t: float | None) -> Any:
+    def header(self, t: float | None, frame: str = "") -> Any:
         """Return a header stamped t seconds after the start; None: stamped 0."""
         ns = 0 if t is None else round((START_S + t) * 1e9)
         time = self.new("builtin_interfaces/msg/Time", sec=ns // 10**9, nanosec=ns % 10**9)
-        return self.new("std_msgs/msg/Header", stamp=time)
+        return self.new("std_msgs/msg/Header", stamp=time, frame_id=frame)
 
     def pose(self, x: float, y: float, yaw: float) -> Any:
         """Return geometry_msgs/Pose."""
@@ -74,22 +81,29 @@ class Words:
             ),
         )  # fmt: skip
 
-    def odometry(self, t: float | None, x: float, y: float = 0.0, yaw: float = 0.0) -> Any:
+    def odometry(
+        self, t: float | None, x: float, y: float = 0.0, yaw: float = 0.0, body: str = ""
+    ) -> Any:
         """Return nav_msgs/Odometry."""
         held = self.new("geometry_msgs/msg/PoseWithCovariance", pose=self.pose(x, y, yaw))
-        return self.new(ODOMETRY, header=self.header(t), pose=held)
+        return self.new(ODOMETRY, header=self.header(t), pose=held, child_frame_id=body)
 
     def stamped(self, t: float | None, x: float, y: float = 0.0, yaw: float = 0.0) -> Any:
         """Return geometry_msgs/PoseStamped."""
         return self.new(POSE, header=self.header(t), pose=self.pose(x, y, yaw))
 
     def scan(
-        self, t: float | None, ranges: Sequence[float], low: float = 0.1, high: float = 10.0
+        self,
+        t: float | None,
+        ranges: Sequence[float],
+        low: float = 0.1,
+        high: float = 10.0,
+        frame: str = "",
     ) -> Any:
         """Return sensor_msgs/LaserScan all around, from -180 degrees on."""
         return self.new(
             SCAN,
-            header=self.header(t),
+            header=self.header(t, frame),
             angle_min=-math.pi,
             angle_max=math.pi,
             angle_increment=2 * math.pi / len(ranges),
@@ -98,9 +112,35 @@ class Words:
             ranges=np.array(ranges, dtype=np.float32),
         )
 
-    def range(self, t: float | None, value: float, low: float = 0.1, high: float = 2.0) -> Any:
+    def range(
+        self, t: float | None, value: float, low: float = 0.1, high: float = 2.0, frame: str = ""
+    ) -> Any:
         """Return sensor_msgs/Range."""
-        return self.new(RANGE, header=self.header(t), min_range=low, max_range=high, range=value)
+        header = self.header(t, frame)
+        return self.new(RANGE, header=header, min_range=low, max_range=high, range=value)
+
+    def transforms(self, *given: Transform) -> Any:
+        """Return tf2_msgs/TFMessage."""
+        found = []
+        for parent, child, at, turn in given:
+            transform = self.new(
+                "geometry_msgs/msg/Transform",
+                translation=self.new(
+                    "geometry_msgs/msg/Vector3", **dict(zip("xyz", at, strict=True))
+                ),
+                rotation=self.new(
+                    "geometry_msgs/msg/Quaternion", **dict(zip("xyzw", turn, strict=True))
+                ),
+            )
+            found.append(
+                self.new(
+                    "geometry_msgs/msg/TransformStamped",
+                    header=self.header(0.0, parent),
+                    child_frame_id=child,
+                    transform=transform,
+                )
+            )
+        return self.new(TF, transforms=found)
 
     def raw(self, t: float | None, *values: float) -> Any:
         """Return a message of a type that nobody else has."""

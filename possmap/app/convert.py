@@ -22,7 +22,7 @@ from possmap.conversion.tally import Tally
 from possmap.core.model import ErrorModel
 from possmap.errors import OutputError, RecordingError, SettingsError, plural, printable
 from possmap.files.atomic import check_output
-from possmap.files.logs.writing import LogWriter, check_name, is_folder, writing
+from possmap.files.logs.writing import LEG, LogWriter, check_name, is_folder, writing
 from possmap.files.recordings import Recording, open_recordings
 from possmap.files.recordings.recording import left_out
 
@@ -127,15 +127,13 @@ def _convert_one(
             )  # fmt: skip
         start_spread = math.radians(place.errors[2]) / settings.known.factor
         alignment = align(seen.bearings, start_spread)
-        place = replace(place, alignment=alignment)
+        if alignment is not None and not alignment.is_doubtful:
+            place = replace(place, alignment=alignment)
     tally = Tally()
     model = {k: v for k, v in given.items() if k not in APPLIED}
-    if (
-        alignment is not None
-        and "alignment_spread" not in model
-        and math.isfinite(alignment.spread)
-    ):
-        spread = math.degrees(alignment.spread) * settings.known.factor
+    told = place.alignment
+    if told is not None and "alignment_spread" not in model and math.isfinite(told.spread):
+        spread = math.degrees(told.spread) * settings.known.factor
         model["alignment_spread"] = round(spread, 3)
     sink = _Written(writer, recording, name, model, settings)
     with _told(progress, recording, "convert") as tell:
@@ -145,6 +143,11 @@ def _convert_one(
     if not outcome.legs:
         raise RecordingError(
             str(recording.name), left_out("gave fewer than two poses, expected a track", tally)
+        )
+    if request.models.is_silent_on(name[0]):
+        tally.add(
+            f"models that do not name the robot {name[0]}, so that the log has none "
+            f"(--robot {next(iter(request.models.robots))}?)",
         )
     return Converted(recording.name, name[0], len(recording.mounts), outcome, tally, alignment)
 
@@ -185,7 +188,7 @@ class _Written:
         robot, excursion = self._name
         head: dict[str, Any] = {
             "robot": robot,
-            "excursion": f"{excursion}-leg-{leg + 1:03d}" if self._legs else excursion,
+            "excursion": f"{excursion}{LEG}{leg + 1:03d}" if self._legs else excursion,
         }
         if self._model:
             head["model"] = self._model

@@ -33,6 +33,10 @@ class Models:
     robots: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     sets: Mapping[str, float] = field(default_factory=dict)
 
+    def is_silent_on(self, robot: str) -> bool:
+        """Whether the file names robots, but neither this one nor values for any."""
+        return bool(self.robots) and robot not in self.robots and not self.general
+
     def of(self, robot: str) -> dict[str, float]:
         """Return what holds for a robot."""
         return {**self.general, **self.robots.get(robot, {}), **self.sets}

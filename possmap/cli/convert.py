@@ -74,7 +74,8 @@ def _angles(ctx: click.Context, param: click.Parameter, value: Any) -> Any:
 )  # fmt: skip
 @click.option(
     "--topic", "topics", multiple=True, metavar="TOPIC[:ROLE=FIELD,...]",
-    help="Bags: a topic to use, and the fields of messages that are not of a standard type.",
+    help="Bags: a topic to use; how its sensor sits (angle, at_x, at_y), or the fields of messages "
+    "that are not of a standard type.",
 )  # fmt: skip
 @click.option(
     "--clock", type=click.Choice(["header", "bag"]), default="header", show_default=True,
@@ -222,6 +223,8 @@ def _request(
 
     if mapping and topics:
         raise click.UsageError("--topic and --mapping say the same thing, expected one of them")
+    if reference is not None and (starts or starts_file is not None):
+        raise click.UsageError("--reference says where excursions begin, expected no --start")
     if starts and starts_file is not None:
         raise click.UsageError("--start and --starts say the same thing, expected one of them")
     for option, name in (("--robot", robot), ("--excursion", excursion)):

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
 from possmap.app.convert import Converted
-from possmap.conversion.orthogonal import FEW_AGREE
+from possmap.conversion.hits import ECHOES
 from possmap.errors import plural, printable
 
 
@@ -34,6 +34,8 @@ def _one_to_json(one: Converted) -> dict[str, Any]:
         "beams": one.beams,
         "records": dict(sorted(outcome.kinds.items())),
         "followed": outcome.followed,
+        "turned_deg": round(outcome.turned_deg, 2),
+        "readings_within_reach": outcome.readings,
         "strays_m": {
             "median": round(outcome.strays.median, 5),
             "worst": round(outcome.strays.worst, 5),
@@ -86,17 +88,21 @@ def report(found: Sequence[Converted], output: Path, verbose: bool) -> None:
         )
         click.echo(
             f"  track      strays {outcome.strays.median * 1000:.0f} mm in the median, "
-            f"{outcome.strays.worst * 1000:.0f} mm at worst"
+            f"{outcome.strays.worst * 1000:.0f} mm at worst; "
+            f"turns {outcome.turned_deg:.0f} deg in all"
         )
         for what, count in one.tally.counts.items():
             first = f" (first: {printable(count.first)})" if count.first else ""
             click.echo(f"  counted    {count.count} {what}{first}")
+        for doubt in _doubts(one):
+            click.echo(f"possmap: {name}: {doubt}", err=True)
         if one.alignment is not None:
             _report_alignment(one, verbose)
-            if one.alignment.share < FEW_AGREE:
+            if one.alignment.is_doubtful:
                 click.echo(
                     f"possmap: {name}: only {one.alignment.share:.0%} of its walls lie within "
-                    "20 degrees of an axis: is the building one of right angles?",
+                    "20 degrees of an axis, so the heading stays as it is: is the building one of "
+                    "right angles, and the robot's drift given?",
                     err=True,
                 )
     click.echo(f"{printable(str(output))}: written")
@@ -129,3 +135,15 @@ def _report_alignment(one: Converted, verbose: bool) -> None:
                 f"{wall.bearing.length:5.2f} m, {math.degrees(wall.off):+6.1f} deg off the axis, "
                 f"heading off {error:+6.1f} deg{'' if wall.used else ', not used'}"
             )
+
+
+def _doubts(one: Converted) -> Iterator[str]:
+    """Yield what makes one doubt that the beams were read as they should be."""
+    outcome, echoes = one.outcome, one.tally.of(ECHOES)
+    if one.beams and not outcome.readings:
+        yield "no beam has a reading within reach, so the log is a track alone"
+    elif 2 * echoes > outcome.readings:
+        yield (
+            f"{echoes} of {outcome.readings} readings were taken for the robot's own echo: if its "
+            "walls are that near, give a smaller --echo"
+        )

@@ -61,9 +61,13 @@ class _Lazy(click.Group):
         # A process that is asked to end still takes its half-written files with it.
         with contextlib.suppress(ValueError):  # not the main thread
             signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+            hangup = getattr(signal, "SIGHUP", None)  # the terminal went away
+            if hangup is not None and signal.getsignal(hangup) is signal.SIG_DFL:  # no nohup
+                signal.signal(hangup, lambda *_: sys.exit(129))
         try:
             result = super().invoke(ctx)
-            sys.stdout.flush()
+            if sys.stdout is not None:  # None where it was closed before we began
+                sys.stdout.flush()
         except PossmapError as error:
             click.echo(f"possmap: {error}", err=True)
             ctx.exit(1)

@@ -31,12 +31,14 @@ class Block:
 
     outline : its poses. seen : the sightings of each run, in order, one list less than poses.
     walls : as fitted, before they were cut into runs. strays : of each sample from the track [m].
+    readings : how many ended at something within reach.
     """
 
     outline: Outline
     seen: list[list[JsonRecord]]
     walls: list[FittedWall]
     strays: Floats
+    readings: int
 
 
 def converted(
@@ -62,7 +64,9 @@ def converted(
     found = outline(samples, settings.tolerance, settings.turn_tolerance, start)
     walls: list[FittedWall] = []
     sightings: list[tuple[int, JsonRecord]] = []
+    readings = 0
     for beam, every in enumerate(hits(samples, mounts, settings.reach)):
+        readings += int(every.seen.sum())
         taken = samples.t[every.index]
         seen = without_echoes(every, taken, around, settings.echo, settings.echo_s, tally)
         passed, loose = walls_of(beam, seen, samples, settings)
@@ -79,7 +83,7 @@ def converted(
     seen_by_run = _by_run(sightings, found)
     if claims is not None:
         claims.settle(seen_by_run, found)
-    return Block(found, seen_by_run, walls, found.strays(samples))
+    return Block(found, seen_by_run, walls, found.strays(samples), readings)
 
 
 def _by_run(sightings: list[tuple[int, JsonRecord]], found: Outline) -> list[list[JsonRecord]]:

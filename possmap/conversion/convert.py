@@ -44,7 +44,8 @@ class Outcome:
     """What came of a recording.
 
     samples, legs, way : how many, how many, and how far they went [m].
-    kinds : records by kind. followed : walls that claim it.
+    kinds : records by kind. followed : walls that claim it. readings : within reach.
+    turned_deg : how much the headings of the logs turn in all.
     strays : of the samples from the simplified track.
     bearings : fitted walls, for the building's axes.
     """
@@ -53,6 +54,8 @@ class Outcome:
     legs: int = 0
     way: float = 0.0
     followed: int = 0
+    readings: int = 0
+    turned_deg: float = 0.0
     kinds: dict[str, int] = field(default_factory=dict)
     strays: Strays = field(default_factory=Strays)
     bearings: list[Bearing] = field(default_factory=list)
@@ -147,6 +150,7 @@ class _Leg:
         self._convert(last=True)
         self._write(self._log.finish())
         self._outcome.way += self._way
+        self._outcome.turned_deg += self._log.turned_deg
         self._sink.end()
 
     def _convert(self, last: bool) -> None:
@@ -192,6 +196,7 @@ class _Leg:
                 )
             )
         outcome.strays.add(found.strays[first:])
+        outcome.readings += found.readings
         outcome.samples += len(found.strays) - first
         self._way = float(way[-1])
         for wall in found.walls:

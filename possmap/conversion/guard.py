@@ -7,6 +7,9 @@ import numpy as np
 from possmap.conversion.samples import Floats
 from possmap.conversion.tally import Tally
 
+LONGEST_S = 1.0
+"""A velocity says nothing of a step that took longer [s]: the robot was not heard meanwhile."""
+
 REPLACED = "steps that disagree with the velocity, replaced"
 
 
@@ -42,6 +45,7 @@ class JumpGuard:
         told = (mean[1:] + mean[:-1]) / 2 * np.diff(t, prepend=last_t)[:, None]
         with np.errstate(invalid="ignore"):
             jumped = np.hypot(*(steps - told).T) > self._limit
+        jumped &= np.diff(t, prepend=last_t) <= LONGEST_S
         self._tally.add(REPLACED, count=int(jumped.sum()))
         shifts = self._shift + np.cumsum(np.where(jumped[:, None], told - steps, 0.0), axis=0)
         self._shift = shifts[-1]

@@ -11,6 +11,9 @@ from possmap.core.angles import wrap_degrees
 
 JsonRecord: TypeAlias = dict[str, Any]
 
+FORWARDS_DEG, BACKWARDS_DEG = 60.0, 120.0
+"""So far may the way lie off where the body looks to be driven forwards, and backwards."""
+
 _STILL_DEG = 1.0
 
 
@@ -28,21 +31,30 @@ class _Halt:
 class LogBuilder:
     """Numbers records, and gives poses their headings: the direction of travel.
 
-    At a standstill the heading turns from the last run's direction to the next's, the way round
+    A robot that plainly drives backwards has the opposite heading: it has not turned round. At a
+    standstill the heading turns from the last run's direction to the next's, the way round
     and the full turns being the body's; ``x_yaw`` keeps the body's own heading.
 
     Parameters
     ----------
     errors
         Half-widths of the first pose: x, y [m] and heading [deg].
+
+    Attributes
+    ----------
+    poses, turned_deg
+        How many were written, and by how much their headings turn in all.
     """
 
     def __init__(self, errors: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
         self._errors = errors
         self._halts: list[_Halt] = []
         self._direction: float | None = None
+        self._backwards = False
         self._seq = 0
+        self._heading: float | None = None
         self.poses = 0
+        self.turned_deg = 0.0
 
     @property
     def begun(self) -> bool:
@@ -57,7 +69,10 @@ class LogBuilder:
         halts = self._halts
         if halts and (halts[-1].x, halts[-1].y) != (x, y):
             direction = math.degrees(math.atan2(y - halts[-1].y, x - halts[-1].x))
-            yield from self._settled(direction)
+            off = abs(wrap_degrees(direction - (halts[-1].yaw_deg + yaw_deg) / 2))
+            if not FORWARDS_DEG <= off <= BACKWARDS_DEG:  # sideways one keeps on as one did
+                self._backwards = off > BACKWARDS_DEG
+            yield from self._settled(direction + 180.0 * self._backwards)
         self._halts.append(_Halt(t, x, y, yaw_deg, seen))
 
     def finish(self) -> Iterator[JsonRecord]:
@@ -103,6 +118,9 @@ class LogBuilder:
             pose |= {k: v for k, v in zip(names, self._errors, strict=True) if v}
         pose["x_yaw"] = round(wrap_degrees(halt.yaw_deg), 2) + 0.0
         self.poses += 1
+        if self._heading is not None:
+            self.turned_deg += abs(wrap_degrees(pose["heading"] - self._heading))
+        self._heading = pose["heading"]
         yield self._numbered(pose)
 
     def _numbered(self, record: JsonRecord) -> JsonRecord:

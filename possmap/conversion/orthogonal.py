@@ -143,6 +143,11 @@ class Alignment:
         return -float(way @ error) / square if square else 0.0
 
     @property
+    def is_doubtful(self) -> bool:
+        """Whether so few long walls lie near an axis that they tell no heading."""
+        return self.share < FEW_AGREE
+
+    @property
     def share(self) -> float:
         """Share of the long walls that lie near an axis; 0 without any."""
         return sum(one.used for one in self.walls) / len(self.walls) if self.walls else 0.0

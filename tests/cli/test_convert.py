@@ -146,7 +146,10 @@ def test_a_building_without_right_angles_is_warned_of(clone: Path) -> None:
     )
     result = run("convert", "bent.csv", "--mapping", "bent.yaml", "-o", "o.json", "--orthogonal")
     assert result.exit_code == 0
-    assert "of its walls lie within 20 degrees of an axis" in result.stderr
+    assert "of its walls lie within 20 degrees of an axis, so the heading stays" in result.stderr
+    plain = run("convert", "bent.csv", "--mapping", "bent.yaml", "-o", "plain.json")
+    assert plain.exit_code == 0
+    assert Path("plain.json").read_bytes() == Path("o.json").read_bytes()
 
 
 def test_several_recordings_become_several_logs(clone: Path) -> None:
@@ -172,6 +175,22 @@ def test_a_folder_gets_a_file_for_each_excursion_and_fuses_as_one(clone: Path) -
         json.loads(run("info", grid, "--json").stdout) for grid in ("a.possmap", "b.possmap")
     )
     assert one["digest"] == other["digest"]
+
+
+def test_other_legs_of_the_same_outing_do_not_stay_behind_in_a_folder(clone: Path) -> None:
+    Path("legs").mkdir()
+    Path("legs/hall_2-leg-001.json").write_text("another outing")
+    for length, count in (("5", 14), ("20", 4)):
+        result = run("convert", LOG, "-o", "legs", "--legs", length, "--overwrite")
+        assert result.exit_code == 0
+        assert len(list(Path("legs").glob("hall_1-leg-*.json"))) == count
+    assert Path("legs/hall_2-leg-001.json").exists()
+
+
+def test_a_reference_and_a_start_are_too_much(clone: Path) -> None:
+    result = run("convert", LOG, "-o", "o.json", *TRUTH, "--start", "0,0,0")
+    assert result.exit_code == 2
+    assert "--reference says where excursions begin, expected no --start" in result.stderr
 
 
 def test_the_three_encodings_and_compressed_ones_hold_the_same_records(clone: Path) -> None:
@@ -245,5 +264,10 @@ def test_a_calibrated_model_is_taken_robot_by_robot(clone: Path) -> None:
         "robots:\n  hall: {drift: 1.5, turn_gain: 0.02, along: 0.02}\n  r9: {scale: 2}\n"
     )
     known, unknown = converted(LOG, "other.log", "--model", "model.yaml")
+    Path("only.yaml").write_text("robots:\n  r9: {scale: 2}\n")
+    result = run("convert", LOG, "-o", "o.json", "--model", "only.yaml")
+    assert "1 models that do not name the robot hall, so that the log has none (--robot r9?)" in (
+        result.stdout
+    )
     assert dict(known.model) == {"along": 0.02} and dict(unknown.model) == {"along": 0.03}
     assert off(known) < 0.8 and off(unknown) > 3

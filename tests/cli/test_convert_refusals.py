@@ -77,8 +77,19 @@ def test_the_good_ones_are_taken(files: Path) -> None:
     for command in (
         "good.csv --mapping csv.yaml", "good.log", "good.json --mapping json.yaml",
     ):  # fmt: skip
-        result = run(*command.split(), "-o", "out.jsonl", "--overwrite")
+        result = run(*command.split(), "-o", "out.jsonl", "--overwrite", "--echo", "0")
         assert (result.exit_code, result.stderr) == (0, "")
+
+
+def test_readings_that_nearly_all_get_lost_are_warned_of(files: Path) -> None:
+    put(HEADER + rows().replace(",1\n", ",9\n"))
+    for name, told in (
+        ("good.csv", "16 of 20 readings were taken for the robot's own echo"),
+        ("bad.csv", "no beam has a reading within reach, so the log is a track alone"),
+    ):
+        result = run(name, "--mapping", "csv.yaml", "-o", "out.jsonl", "--overwrite")
+        assert result.exit_code == 0
+        assert result.stderr.startswith(f"possmap: {name}: {told}")
 
 
 # --- What is in the file -----------------------------------------------------------------------
@@ -201,7 +212,7 @@ ASKED: list[tuple[str, int, str]] = [
      "good.csv: is the recording itself, expected the name of a log"),
     (f"{GOOD} -o no/out.jsonl", 1, "no/out.jsonl: the folder no does not exist"),
     (f"{GOOD} -o no/out", 1, "no/out: cannot be written: No such file or directory"),
-    (f"{GOOD} -o .", 1, ".: holds something already; --overwrite replaces logs of one name"),
+    (f"{GOOD} -o .", 1, ".: holds something already; --overwrite replaces logs of the same outi"),
     (GOOD, 2, "Missing option '-o' / '--output'."),
     # Mappings
     ("good.csv --mapping intel-jsn -o out.jsonl", 1,

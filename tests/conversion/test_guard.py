@@ -33,6 +33,16 @@ def test_pieces_are_mended_as_the_whole_also_where_the_jump_lies_between_them() 
     assert mended == pytest.approx(STEADY, abs=1e-9)
 
 
+def test_a_step_over_a_gap_is_believed_for_nobody_heard_the_robot_meanwhile() -> None:
+    late = T.copy()
+    late[50:] += 10.0
+    moved = STEADY.copy()
+    moved[50:] += [2.0, 1.0]
+    tally = Tally()
+    assert (JumpGuard(0.05, tally).mended(late, moved, VELOCITY) == moved).all()
+    assert tally.of(REPLACED) == 0
+
+
 def test_an_unknown_velocity_belies_nothing_and_0_turns_the_guard_off() -> None:
     jumping = STEADY.copy()
     jumping[50:] += 1.0

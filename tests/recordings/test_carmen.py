@@ -222,6 +222,13 @@ def test_a_laser_ahead_of_the_wheels_is_where_it_is(tmp_path: Path) -> None:
         assert (mount.x, mount.y) == pytest.approx((0.2, 0.1))
 
 
+def test_one_odd_line_does_not_move_the_laser(tmp_path: Path) -> None:
+    lines = [flaser(t, [1] * 181, (t, 0, 0), (t + 0.2, 0, 0)) for t in range(12)]
+    lines[0] = flaser(0, [1] * 181, (0, 0, 0), (0.6, 0.4, 0))
+    for mount in opened(log(tmp_path, *lines)).mounts:
+        assert (mount.x, mount.y) == pytest.approx((0.2, 0.0))
+
+
 def test_a_corrected_laser_pose_is_no_mount(tmp_path: Path) -> None:
     path = log(tmp_path, *(flaser(t, [1] * 181, (t, 0, 0), (50, 60, 2)) for t in range(2)))
     assert {(mount.x, mount.y) for mount in opened(path).mounts} == {(0, 0)}

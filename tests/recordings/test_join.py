@@ -97,7 +97,9 @@ def enclosed(t: float, rows: Rows, gap: float) -> bool:
     """Whether a moment is one of the rows, or lies between two near ones."""
     if t in rows.t:
         return True
-    return any(a < t < b and b - a <= gap for a, b in zip(rows.t, rows.t[1:], strict=False))
+    return any(
+        a < t < b and min(t - a, b - t) <= gap for a, b in zip(rows.t, rows.t[1:], strict=False)
+    )
 
 
 def literally(
@@ -198,10 +200,10 @@ def test_rows_of_one_time_are_one_sample_however_they_are_fed(
 
 
 def test_a_moment_between_poses_too_far_apart_is_dropped() -> None:
-    pose, ranges = Rows([0, 1, 2.5, 3], [0, 1, 2, 3]), Rows([0.5, 1.5, 2.5, 2.75], [1, 2, 3, 4])
+    pose, ranges = Rows([0, 1, 4, 4.5], [0, 1, 2, 3]), Rows([0.5, 2.5, 4, 4.25], [1, 2, 3, 4])
     samples, tally = fed((POSE, RANGE), [pose, ranges], [9])
     assert samples is not None
-    assert samples.t.tolist() == [0, 0.5, 1, 2.5, 2.75, 3]
+    assert samples.t.tolist() == [0, 0.5, 1, 4, 4.25, 4.5]
     assert tally.of(WITHOUT_POSE) == 1
 
 

@@ -229,7 +229,11 @@ def test_an_empty_folder_is_taken_without_asking(tmp_path: Path) -> None:
     [
         ("log.jsonl", "file", "log.jsonl: exists already; --overwrite replaces it"),
         ("no/log.jsonl", "", "no/log.jsonl: the folder no does not exist"),
-        ("out", "full", "out: holds something already; --overwrite replaces logs of one name"),
+        (
+            "out",
+            "full",
+            "out: holds something already; --overwrite replaces logs of the same outings",
+        ),
         ("out", "file", "out: is no folder"),
         ("no/out", "", "no/out: cannot be written: No such file or directory"),
     ],

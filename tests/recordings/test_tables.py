@@ -622,8 +622,26 @@ def test_a_recording_of_which_most_rows_are_bad_is_refused(tmp_path: Path) -> No
     text = "t,x,y,yaw\n0,1,2,0\n" + "a,b,c,d\n" * 2 + "3,4,8,0\n" + "e\n"
     assert refusal(tmp_path, PLAIN, text) == (
         "drive.csv:3: 3 of 5 rows cannot be read or run backwards in time, the first here, "
-        "expected at most half"
+        'expected at most half (t, found "a", expected a number)'
     )
+
+
+@pytest.mark.parametrize("place", [1, 3, 40])
+def test_one_stamp_far_ahead_puts_no_other_row_into_the_past(tmp_path: Path, place: int) -> None:
+    times = [float(t) for t in range(50)]
+    times[place] += 900
+    text = "t,x,y,yaw\n" + "".join(f"{t},1,2,0\n" for t in times)
+    samples, left_out = read(tmp_path, PLAIN, text)
+    assert samples.t.tolist() == [t for t in range(50) if t != place]
+    assert left_out == {"rows whose clock jumped ahead and back, skipped": 1}
+
+
+def test_a_clock_that_is_set_ahead_for_good_is_believed(tmp_path: Path) -> None:
+    times = [*range(20), *range(900, 920)]
+    text = "t,x,y,yaw\n" + "".join(f"{t},1,2,0\n" for t in times)
+    samples, left_out = read(tmp_path, PLAIN, text)
+    assert samples.t.tolist() == times
+    assert left_out == {}
 
 
 def test_a_pose_of_nan_says_something_and_does_not_count_for_that(tmp_path: Path) -> None:

@@ -20,6 +20,9 @@ from possmap.files.logs.csv_log import COLUMNS
 EXTRA_COLUMN = "x_yaw"
 """A pose's key that a CSV has a column for."""
 
+LEG = "-leg-"
+"""What stands before a leg's number in the name of its excursion."""
+
 
 class LogWriter(Protocol):
     """Writes excursions, one after the other."""
@@ -136,9 +139,11 @@ def check_name(path: Path, several: bool) -> None:
     several
         Whether there may be more than one.
     """
+    name = printable(str(path))
+    if name == "-":
+        raise OutputError("-: logs are not written to standard output, expected a file or folder")
     if is_folder(path):
         return
-    name = printable(str(path))
     encoding = encoding_of(path)
     if encoding is None:
         expected = ", ".join(SUFFIXES)
@@ -185,12 +190,25 @@ def _new_folder(path: Path, overwrite: bool) -> Iterator[Path]:
     if path.exists() and not path.is_dir():
         raise OutputError(f"{name}: is no folder")
     if path.is_dir() and any(path.iterdir()) and not overwrite:
-        raise OutputError(f"{name}: holds something already; --overwrite replaces logs of one name")
+        raise OutputError(
+            f"{name}: holds something already; --overwrite replaces logs of the same outings"
+        )
     try:
         with tempfile.TemporaryDirectory(dir=path.resolve().parent, prefix=".possmap-") as beside:
             yield Path(beside)
             path.mkdir(exist_ok=True)
-            for log in sorted(Path(beside).iterdir()):
+            logs = sorted(Path(beside).iterdir())
+            outings = {_outing(log) for log in logs}
+            for old in path.glob("*.json"):  # other legs of the same outing would count it twice
+                if _outing(old) in outings:
+                    old.unlink()
+            for log in logs:
                 log.replace(path / log.name)
     except OSError as error:
         raise OutputError(f"{name}: cannot be written: {error.strerror or error}") from error
+
+
+def _outing(log: Path) -> str:
+    """Return what a file's name says of robot and excursion, without the number of a leg."""
+    before, leg, number = log.stem.rpartition(LEG)
+    return before if leg and number.isdigit() else log.stem

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from statistics import median
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -137,10 +138,12 @@ def _survey(path: Path, wanted: Sequence[float]) -> tuple[dict[bytes, Layout], l
 
 
 def _usual(layouts: Sequence[Layout]) -> Layout:
-    """Return the first of the layouts that most have, wherever the laser sits."""
+    """Return the layout that most have; the laser sits where the middle ones of these say."""
     keys = [(layout.count, layout.longest, layout.angles) for layout in layouts]
     (most, _), *_ = Counter(keys).most_common(1)
-    return layouts[keys.index(most)]
+    agree = [layout for layout, key in zip(layouts, keys, strict=True) if key == most]
+    x, y = (median(getattr(layout, name) for layout in agree) for name in ("x", "y"))
+    return replace(agree[0], x=x, y=y)
 
 
 def _laser_rows(

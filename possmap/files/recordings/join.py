@@ -152,13 +152,13 @@ class Join:
         return rows
 
     def _enclosed(self, t: Floats, known: Readings) -> Flags:
-        """Return which moments lie between two known ones not too far apart in time."""
+        """Return which moments lie between two known ones, one of them near enough in time."""
         after = np.searchsorted(known.t, t)
         inside = (after < len(known.t)) & (t >= known.t[0])
         after = np.clip(after, 0, len(known.t) - 1)
         exact = known.t[after] == t
-        wide = known.t[after] - known.t[np.maximum(after - 1, 0)]
-        near: Flags = inside & (exact | (wide <= self._gap))
+        apart = np.minimum(known.t[after] - t, t - known.t[np.maximum(after - 1, 0)])
+        near: Flags = inside & (exact | (apart <= self._gap))
         return near
 
     def _at(

@@ -131,12 +131,15 @@ class Table:
         ``raw[0]``.
     beams, scan
         Its range readings.
+    mount
+        How the sensor of a bag's standard topic sits; None: the bag says so, or nobody.
     """
 
     source: str = ""
     columns: MappingABC[str, str] = field(default_factory=dict)
     beams: tuple[Beam, ...] = ()
     scan: Scan | None = None
+    mount: Mount | None = None
 
     @property
     def gives_place(self) -> bool:

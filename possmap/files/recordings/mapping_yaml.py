@@ -48,6 +48,7 @@ FOLDER = "recordings"
 
 FORMATS = ("csv", "json", "ros")
 _IN_TABLE = ("columns", "beams", "scan")
+_MOUNT = "mount"
 _KEYS = (
     "format", "tables", *_IN_TABLE, "rows", "delimiter", "header", "comment", "units", "ticks",
     "nothing", "invalid", "period", "velocity_in_body", "guard", "gap",
@@ -146,7 +147,8 @@ def _tables(root: yaml.Node, nodes: Nodes, name: str, form: str) -> tuple[Table,
     tables = []
     listed = items(nodes["tables"], name, "tables", "expected a list of tables")
     for node in listed:
-        parts = known_members(node, name, (source, *_IN_TABLE))
+        known = (source, *_IN_TABLE, *((_MOUNT,) if form == "ros" else ()))
+        parts = known_members(node, name, known)
         if len(listed) > 1:
             need(parts, (source,), node, name)
         if (
@@ -175,7 +177,17 @@ def _table(parts: Nodes, node: yaml.Node, name: str) -> Table:
     scan = _scan(parts["scan"], name) if "scan" in parts else None
     if beams and scan is not None:
         raise refusal(node, name, "beams", "expected beams or a scan, not both")
-    return Table(source, columns, beams, scan)
+    mount = _mount(parts[_MOUNT], name) if _MOUNT in parts else None
+    if mount is not None and (columns.keys() - {"t"} or beams or scan is not None):
+        expected = "expected it in a table of a standard topic, without columns, beams or scan"
+        raise refusal(parts[_MOUNT], name, _MOUNT, expected)
+    return Table(source, columns, beams, scan, mount)
+
+
+def _mount(node: yaml.Node, name: str) -> Mount:
+    parts = known_members(node, name, ("angle_deg", "x", "y"))
+    angle = number(parts["angle_deg"], name, "angle_deg") if "angle_deg" in parts else 0.0
+    return Mount(math.radians(angle), *_sensor(parts, name))
 
 
 def _beam(node: yaml.Node, name: str) -> Beam:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from collections.abc import Mapping as MappingABC
 from dataclasses import dataclass
 
@@ -88,9 +89,18 @@ class Interpreter:
         self._rows = 0
         self._lost = 0
         self._first_lost = 0
+        self._why = ""
 
-    def lose(self, what: str, line: int) -> None:
-        """Count a row that cannot be read, and so is not given to ``read``."""
+    def lose(self, what: str, line: int, why: Callable[[], str] = str) -> None:
+        """Count a row that cannot be read, and so is not given to ``read``.
+
+        Parameters
+        ----------
+        why
+            Says what is wrong with it; asked of the first alone.
+        """
+        if not self._lost:
+            self._why = why()
         self._tally.add(what, f"{self._name}:{line}")
         self._rows += 1
         self._count_lost(1, line)
@@ -109,7 +119,7 @@ class Interpreter:
             raise RecordingError(
                 f"{self._name}:{self._first_lost}",
                 f"{self._lost} of {self._rows} rows cannot be read or run backwards in time, "
-                "the first here, expected at most half",
+                f"the first here, expected at most half{self._why and f' ({self._why})'}",
             )
 
     def read(
@@ -169,6 +179,9 @@ class Interpreter:
                 far |= np.abs(columns[role]) * self._mapping.worth(quantity) > LARGEST
         self._left_out("rows with a place or heading beyond ±1e6, skipped", sound & far, lines)
         sound &= ~far
+        ahead = sound & _spikes(np.where(sound, t, np.nan))
+        self._left_out("rows whose clock jumped ahead and back, skipped", ahead, lines)
+        sound &= ~ahead
         times = np.where(sound, t, -math.inf)
         latest = np.maximum.accumulate(np.concatenate([[self._clock], times]))
         behind = sound & (t < latest[:-1])
@@ -282,4 +295,17 @@ def turned(vectors: Floats, yaw: Floats) -> Floats:
     cos, sin = np.cos(yaw), np.sin(yaw)
     ahead, left = vectors.T
     found: Floats = np.column_stack([ahead * cos - left * sin, ahead * sin + left * cos])
+    return found
+
+
+def _spikes(t: Floats) -> Flags:
+    """Return which times are later than those of all the next three rows, which go on as before.
+
+    One stamp far in the future must not put every row behind it into the past.
+    """
+    found = np.zeros(len(t), dtype=np.bool_)
+    if len(t) > 4:
+        following = np.stack([t[2:-2], t[3:-1], t[4:]])
+        with np.errstate(invalid="ignore"):
+            found[1:-3] = (t[1:-3] > following.max(axis=0)) & (following.min(axis=0) >= t[:-4])
     return found

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -194,7 +195,7 @@ def _readings(
         try:
             values = _values(plan, row)
         except (ValueError, IndexError, KeyError, TypeError, OverflowError):
-            told.lose(_SKIPPED, line)
+            told.lose(_SKIPPED, line, partial(_fault, plan, row))
             continue
         block.append([line, number, *values])
         if len(block) == CHUNK_ROWS:
@@ -227,6 +228,20 @@ def _values(plan: _Plan, row: Row) -> list[float]:
     else:
         values += [_range(get(row)) for get in plan.ranges]
     return values
+
+
+def _fault(plan: _Plan, row: Row) -> str:
+    """Return what is wrong with a row: the first role that is missing, or is no number."""
+    for role, get in plan.roles.items():
+        try:
+            value = get(row)
+        except (IndexError, KeyError, TypeError):
+            return f"{role} is missing"
+        try:
+            _number(value)
+        except (ValueError, TypeError, OverflowError):
+            return f"{role}, found {shown(value)}, expected a number"
+    return "a range is missing, or is no number"
 
 
 def _number(value: Any) -> float:

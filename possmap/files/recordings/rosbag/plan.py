@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Callable, Sequence
 from collections.abc import Mapping as MappingABC
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -15,15 +16,13 @@ from possmap.files.recordings.beams import chosen, of_scan
 from possmap.files.recordings.mapping import STANDARD_UNITS, Mapping, Scan, Table
 from possmap.files.recordings.rosbag.bag import Bag, Decoder, Topic
 from possmap.files.recordings.rosbag.fields import Fields, Getter, short
+from possmap.files.recordings.rosbag.first import first_messages
+from possmap.files.recordings.rosbag.frames import Frames, Seat, frame_of
 from possmap.files.recordings.rosbag.types import LIMITS, POSES, RANGE, SCAN
 
 Row: TypeAlias = Callable[[object], list[float] | None]
-"""What a message says, as Plan has it; None of a scan of another layout."""
+"""What a message says, as Plan has it; None of a scan of another layout, or another sensor's."""
 
-STUBBORN = 100
-"""So many messages in a row that cannot be read, and none can."""
-
-_LOOKED_AT = 10  # messages, to see whether anybody stamps them
 _SAME_ANGLE = 1e-5  # [rad]
 
 
@@ -42,6 +41,8 @@ class Plan:
         What takes the time out of a message; None where the bag's own counts.
     unstamped
         Whether that is so although the messages have a stamp: it is 0.
+    seat
+        How the sensor sits, of a standard topic of ranges.
     """
 
     topic: Topic
@@ -54,6 +55,7 @@ class Plan:
     mounts: tuple[Mount, ...]
     stamp: Getter | None
     unstamped: bool
+    seat: Seat | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +82,13 @@ def names_fields(table: Table) -> bool:
 
 
 def planned(
-    bag: Bag, topic: Topic, table: Table, mapping: Mapping, wanted: Sequence[float], stamped: bool
+    bag: Bag,
+    topic: Topic,
+    table: Table,
+    mapping: Mapping,
+    wanted: Sequence[float],
+    stamped: bool,
+    frames: Frames,
 ) -> Plan:
     """Return how to read a table; the first messages of its topic tell how long lists are.
 
@@ -90,6 +98,8 @@ def planned(
         Angles of the beams used [rad].
     stamped
         Whether the header's time counts, where there is one.
+    frames
+        Say how the sensors sit where the table does not.
 
     Raises
     ------
@@ -97,17 +107,20 @@ def planned(
         If a field is missing, or no message can be read.
     """
     fields, decode = bag.decoder(topic)
-    first = list(_first(bag, topic, decode))
+    first = list(first_messages(bag, topic, decode))
     named = names_fields(table)
+    seat = None
+    if not named and topic.type in LIMITS:
+        seat = _seat(topic, table, frames, first[0])
     if named:
         taken = _named(fields, first[0], table, wanted)
     elif topic.type in POSES:
         table = replace(table, columns={**table.columns, **POSES[topic.type]})
         taken = _Taken()
-    elif topic.type == SCAN:
-        taken = _standard_scan(fields, first[0], wanted)
-    elif topic.type == RANGE:
-        taken = _standard_range(fields, table, wanted)
+    elif seat is not None and topic.type == SCAN:
+        taken = _standard_scan(fields, first[0], wanted, seat)
+    elif seat is not None:
+        taken = _standard_range(fields, wanted, seat)
     else:
         raise RecordingError(
             str(bag.path),
@@ -124,12 +137,13 @@ def planned(
         table,
         replace(mapping, units=_units(mapping, fields, table, named)),
         decode,
-        _row([get for _, get in roles], taken),
+        _of_sensor(seat, _row([get for _, get in roles], taken)),
         tuple(table.columns),
         not named and bool(taken.mounts),
         tuple(taken.mounts),
         None if unstamped else stamp,
         unstamped,
+        seat,
     )
 
 
@@ -139,29 +153,6 @@ def _units(mapping: Mapping, fields: Fields, table: Table, named: bool) -> Mappi
     told = "t" in table.columns and not fields.is_time(table.columns["t"])
     units["time"] = mapping.units.get("time", "s") if told else "s"
     return units
-
-
-def _first(bag: Bag, topic: Topic, decode: Decoder) -> Iterator[Any]:
-    """Yield the first messages that can be read, at least one."""
-    found = failed = 0
-    error: Exception | None = None
-    for _, _, data in bag.messages(topic.ids):
-        try:
-            message = decode(data)
-        except Exception as fault:  # of rosbags alone: damaged bytes can lead it anywhere
-            error = fault
-            failed += 1
-        else:
-            found += 1
-            yield message
-        if found == _LOOKED_AT or failed == STUBBORN:
-            break
-    if not found:
-        raise RecordingError(
-            str(bag.path),
-            f"topic {shown(topic.name)}: no message can be read, "
-            f"expected {short(topic.type)}" + (f" ({failed} tried)" if failed else ""),
-        ) from error
 
 
 def _check_first(fields: Fields, path: str, get: Getter, message: object) -> None:
@@ -175,19 +166,28 @@ def _check_first(fields: Fields, path: str, get: Getter, message: object) -> Non
         ) from None
 
 
-def _standard_scan(fields: Fields, first: object, wanted: Sequence[float]) -> _Taken:
+def _seat(topic: Topic, table: Table, frames: Frames, first: object) -> Seat:
+    if table.mount is not None:
+        return Seat(table.mount)
+    return frames.seat(frame_of(first), single=topic.type == RANGE)
+
+
+def _standard_scan(fields: Fields, first: object, wanted: Sequence[float], seat: Seat) -> _Taken:
     """Return what is taken of sensor_msgs/LaserScan."""
     layout = [
         (get, float(get(first))) for get in map(fields.number, ("angle_min", "angle_increment"))
     ]
     (_, start), (_, step) = layout
-    taken = _list(fields, first, Scan("ranges", start, step), wanted)
-    return replace(taken, getters=_limits(fields, SCAN), layout=layout)
+    mount, side = seat.mount, -1.0 if seat.flipped else 1.0
+    scan = Scan("ranges", mount.angle + side * start, side * step, None, mount.x, mount.y)
+    taken = _list(fields, first, scan, wanted)
+    mounts = [replace(one, angle=math.remainder(one.angle, math.tau)) for one in taken.mounts]
+    return replace(taken, mounts=mounts, getters=_limits(fields, SCAN), layout=layout)
 
 
-def _standard_range(fields: Fields, table: Table, wanted: Sequence[float]) -> _Taken:
-    """Return what is taken of sensor_msgs/Range; its table says where it looks."""
-    mounts = [table.beams[index].mount for index in _chosen(table, wanted)]
+def _standard_range(fields: Fields, wanted: Sequence[float], seat: Seat) -> _Taken:
+    """Return what is taken of sensor_msgs/Range."""
+    mounts = [seat.mount for _ in chosen([seat.mount.angle], wanted)]
     return _Taken(mounts, [*_limits(fields, RANGE), ("range", fields.number("range"))])
 
 
@@ -199,13 +199,10 @@ def _named(fields: Fields, first: object, table: Table, wanted: Sequence[float])
     """Return what is taken of the fields that a table names."""
     if table.scan is not None:
         return _list(fields, first, table.scan, wanted)
-    beams = [table.beams[index] for index in _chosen(table, wanted)]
+    angles = [beam.mount.angle for beam in table.beams]
+    beams = [table.beams[index] for index in chosen(angles, wanted)]
     getters = [(beam.column, fields.number(beam.column)) for beam in beams]
     return _Taken([beam.mount for beam in beams], getters)
-
-
-def _chosen(table: Table, wanted: Sequence[float]) -> list[int]:
-    return chosen([beam.mount.angle for beam in table.beams], wanted)
 
 
 def _list(fields: Fields, first: object, scan: Scan, wanted: Sequence[float]) -> _Taken:
@@ -214,6 +211,14 @@ def _list(fields: Fields, first: object, scan: Scan, wanted: Sequence[float]) ->
     count = scan.count or len(get(first))
     used, mounts = of_scan(scan, count, wanted)
     return _Taken(mounts, (), get, used, count)
+
+
+def _of_sensor(seat: Seat | None, row: Row) -> Row:
+    """Return what makes rows of the messages of one sensor alone, if its frame tells it."""
+    frame = None if seat is None else seat.frame
+    if frame is None:
+        return row
+    return lambda message: row(message) if frame_of(message) == frame else None
 
 
 def _row(roles: Sequence[Getter], taken: _Taken) -> Row:

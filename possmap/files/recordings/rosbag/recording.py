@@ -9,17 +9,27 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from possmap.conversion.samples import Floats, Mount, Samples
+from possmap.conversion.samples import Floats, Samples
 from possmap.conversion.tally import Tally
 from possmap.errors import RecordingError, did_you_mean, printable, shown
 from possmap.files.recordings.join import Join
-from possmap.files.recordings.mapping import Beam, Mapping, Table, fault_of
+from possmap.files.recordings.mapping import Mapping, Table, fault_of
 from possmap.files.recordings.readings import Interpreter
 from possmap.files.recordings.recording import CHUNK_ROWS, Recording
 from possmap.files.recordings.rosbag.bag import Bag, Topic, opened, size_of
 from possmap.files.recordings.rosbag.fields import short
-from possmap.files.recordings.rosbag.plan import STUBBORN, Plan, names_fields, planned
-from possmap.files.recordings.rosbag.types import ODOMETRY, POSE, RANGE, SCAN, judged
+from possmap.files.recordings.rosbag.first import STUBBORN
+from possmap.files.recordings.rosbag.frames import UNREADABLE, Frames
+from possmap.files.recordings.rosbag.plan import Plan, names_fields, planned
+from possmap.files.recordings.rosbag.types import (
+    LIMITS,
+    ODOMETRY,
+    POSE,
+    POSES,
+    RANGE,
+    SCAN,
+    judged,
+)
 from possmap.files.recordings.stream import Progress
 
 Clock: TypeAlias = Literal["header", "bag"]
@@ -28,7 +38,7 @@ Clock: TypeAlias = Literal["header", "bag"]
 _UNREADABLE = "messages that cannot be read, skipped"
 _UNSTAMPED = "messages stamped 0, the bag's own time taken"
 _WITHOUT_FIELD = "messages without a field that is named, skipped"
-_OTHER_LAYOUT = "scans of another layout than the first, skipped"
+_OTHER_LAYOUT = "scans of another layout or frame than the first, skipped"
 _MOST_LISTED = 20
 
 
@@ -57,11 +67,14 @@ def open_bag(
         if mapping is None:
             mapping = Mapping("ros", _found(path, topics))
         named = [_named(path, table, topics) for table in mapping.tables]
-        tables = _angled(path, mapping.tables, named)
+        _check_mounted(path, mapping.tables, named)
+        frames = Frames(bag, topics, _place_of(mapping.tables, named))
         plans = [
-            planned(bag, topic, table, mapping, wanted, clock == "header")
-            for topic, table in zip(named, tables, strict=True)
+            planned(bag, topic, table, mapping, wanted, clock == "header", frames)
+            for topic, table in zip(named, mapping.tables, strict=True)
         ]
+    _check_looking(path, plans)
+    unreadable = frames.unreadable
     fault = fault_of(tuple(plan.table for plan in plans), mapping.ticks, mapping.velocity_in_body)
     if fault is not None:
         raise RecordingError(
@@ -75,6 +88,7 @@ def open_bag(
 
     def samples(tally: Tally, progress: Progress | None) -> Iterator[Samples]:
         join = Join(str(path), whole, [len(plan.mounts) for plan in used], tally)
+        tally.add(UNREADABLE, f"{path} /tf_static", unreadable)
         gatherers = [_Gatherer(path, plan, tally) for plan in used]
         total = max(1, sum({plan.topic.name: plan.topic.count for plan in used}.values()))
         told = 0
@@ -106,6 +120,8 @@ class _Gatherer:
         self._number = 0
         self._failed = 0
         self._tally = tally
+        for note in plan.seat.notes if plan.seat else ():
+            tally.add(note, self._name)
         self._told = Interpreter(self._name, plan.table, plan.mapping, tally)
 
     def take(self, stamp: int, data: bytes) -> None:
@@ -225,34 +241,35 @@ def _named(path: Path, table: Table, topics: dict[str, Topic]) -> Topic:
     return topic
 
 
-def _angled(path: Path, tables: Sequence[Table], topics: Sequence[Topic]) -> list[Table]:
-    """Return tables of which those of a standard range topic say where it looks."""
-    both = list(zip(tables, topics, strict=True))
-    finders = [
-        number
-        for number, (table, topic) in enumerate(both)
-        if topic.type == RANGE and not names_fields(table)
-    ]
-    without = [number for number in finders if not tables[number].beams]
-    if without and len(finders) > 1:
-        raise RecordingError(
-            str(path),
-            f"{len(finders)} topics of {short(RANGE)}, "
-            f"{_listed(topics[number] for number in finders)}; say where each looks, with "
-            "--topic TOPIC:angle=DEGREES, and name the place's topic as well",
-        )
-    for table, topic in both:
-        if topic.type != RANGE and any(not beam.column for beam in table.beams):
+def _check_mounted(path: Path, tables: Iterable[Table], topics: Iterable[Topic]) -> None:
+    """Refuse mounts of topics that are no standard ones of ranges."""
+    for table, topic in zip(tables, topics, strict=True):
+        if table.mount is not None and (topic.type not in LIMITS or names_fields(table)):
             raise RecordingError(
                 str(path),
-                f"topic {printable(topic.name)}: found {short(topic.type)} with an angle, "
-                f"expected {short(RANGE)}",
+                f"topic {printable(topic.name)}: found {short(topic.type)} with a mount (angle, "
+                f"at_x, at_y), expected {' or '.join(map(short, LIMITS))}",
             )
-    ahead = (Beam("", Mount(0.0)),)
-    return [
-        replace(table, beams=ahead) if number in without else table
-        for number, table in enumerate(tables)
-    ]
+
+
+def _check_looking(path: Path, plans: Sequence[Plan]) -> None:
+    """Refuse several range finders of which one does not say where it looks."""
+    seats = [(plan.topic, plan.seat) for plan in plans if plan.seat and plan.topic.type == RANGE]
+    if len(seats) > 1 and not all(seat.sure for _, seat in seats):
+        raise RecordingError(
+            str(path),
+            f"{len(seats)} topics of {short(RANGE)}, {_listed(topic for topic, _ in seats)}; say "
+            "where each looks, with --topic TOPIC:angle=DEGREES, and name the place's topic as "
+            "well",
+        )
+
+
+def _place_of(tables: Iterable[Table], topics: Iterable[Topic]) -> Topic | None:
+    """Return the topic with the robot's place."""
+    for table, topic in zip(tables, topics, strict=True):
+        if table.gives_place or (topic.type in POSES and not names_fields(table)):
+            return topic
+    return None
 
 
 def _listed(topics: Iterable[Topic]) -> str:

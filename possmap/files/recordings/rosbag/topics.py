@@ -10,19 +10,21 @@ from possmap.conversion.samples import Mount
 from possmap.errors import SettingsError, did_you_mean, shown
 from possmap.files.recordings.mapping import ROLES, Beam, Mapping, Table
 
-ANGLE = "angle"
-"""The role that says where a topic of sensor_msgs/Range looks; its beam has no column."""
+MOUNT = ("angle", "at_x", "at_y")
+"""The roles that say how the sensor of a standard topic of ranges sits on the robot."""
 
 _RANGE = "range"
 _MOST_DEGREES = 360.0
+_FARTHEST_M = 10.0
 _FIELD = re.compile(r"[A-Za-z]\w*(\[\d{1,9}\])*(\.[A-Za-z]\w*(\[\d{1,9}\])*)*", re.ASCII)
 
 
 def table_of(option: str) -> Table:
     """Return the table that ``TOPIC[:ROLE=FIELD,...]`` describes.
 
-    Roles are those of a mapping, ``range@DEGREES`` for a beam, left positive, and ``angle=DEGREES``
-    for the only beam of a standard range topic. Without roles, the topic's type says what it means.
+    Roles are those of a mapping, ``range@DEGREES`` for a beam, left positive. ``angle=DEGREES``,
+    ``at_x=METRES`` and ``at_y=METRES`` say how the sensor of a standard topic of ranges sits; those
+    not given are 0. Without roles, the topic's type says what it means.
 
     Raises
     ------
@@ -36,6 +38,7 @@ def table_of(option: str) -> Table:
         )
     columns: dict[str, str] = {}
     beams: list[Beam] = []
+    seat: dict[str, float] = {}
     seen: set[str] = set()
     for part in rest.split(",") if colon else ():
         role, equals, value = (word.strip() for word in part.partition("="))
@@ -47,18 +50,19 @@ def table_of(option: str) -> Table:
         name, at, degrees = role.partition("@")
         if at and name == _RANGE:
             beams.append(Beam(_field(role, value), Mount(_radians(role, degrees))))
-        elif role == ANGLE:
-            beams.append(Beam("", Mount(_radians(role, value))))
+        elif role in MOUNT:
+            seat[role] = (_radians if role == "angle" else _metres)(role, value)
         elif role in ROLES:
             columns[role] = _field(role, value)
         else:
             raise _unknown(role, name)
-    if ANGLE in seen and len(seen) > 1:
+    if seat and len(seen) > len(seat):
         raise SettingsError(
-            f"--topic: found {ANGLE} beside other roles, expected it alone, "
-            "as a range topic has nothing else"
+            f"--topic: found {next(iter(seat))} beside other roles, expected {', '.join(MOUNT)} "
+            "alone, as a standard topic of ranges has nothing else"
         )
-    return Table(topic.strip(), columns, tuple(beams))
+    mount = Mount(*(seat.get(role, 0.0) for role in MOUNT)) if seat else None
+    return Table(topic.strip(), columns, tuple(beams), mount=mount)
 
 
 def _field(role: str, value: str) -> str:
@@ -83,8 +87,21 @@ def _radians(role: str, text: str) -> float:
     return math.radians(degrees)
 
 
+def _metres(role: str, text: str) -> float:
+    try:
+        metres = float(text)
+    except ValueError:
+        metres = math.nan
+    if not abs(metres) <= _FARTHEST_M:  # phrased so that NaN is refused too
+        raise SettingsError(
+            f"--topic: {role}, found {shown(text)}, expected metres from the robot's middle, "
+            f"at most {_FARTHEST_M:g}"
+        )
+    return metres
+
+
 def _unknown(role: str, name: str) -> SettingsError:
-    known = (*ROLES, f"{_RANGE}@DEGREES", ANGLE)
+    known = (*ROLES, f"{_RANGE}@DEGREES", *MOUNT)
     if name == _RANGE:
         return SettingsError(
             f"--topic: ROLE, found {shown(role)}, expected {_RANGE}@DEGREES, such as {_RANGE}@-90"
