@@ -14,8 +14,9 @@ from possmap.conversion.samples import Flags, Floats, unwrapped
 from possmap.conversion.tally import Tally
 from possmap.core.model import LARGEST
 from possmap.errors import RecordingError
-from possmap.files.recordings.mapping import Mapping, Readable, Table
+from possmap.files.recordings.mapping import Mapping, Table
 from possmap.files.recordings.reckoning import Reckoner
+from possmap.files.recordings.sense import readable, spikes
 
 STUBBORN = 100
 """So many samples in a row behind the clock, and it has been set back for good."""
@@ -179,7 +180,7 @@ class Interpreter:
                 far |= np.abs(columns[role]) * self._mapping.worth(quantity) > LARGEST
         self._left_out("rows with a place or heading beyond ±1e6, skipped", sound & far, lines)
         sound &= ~far
-        ahead = sound & _spikes(np.where(sound, t, np.nan))
+        ahead = sound & spikes(np.where(sound, t, np.nan))
         self._left_out("rows whose clock jumped ahead and back, skipped", ahead, lines)
         sound &= ~ahead
         times = np.where(sound, t, -math.inf)
@@ -268,18 +269,6 @@ class Interpreter:
             )
 
 
-def readable(ranges: Floats, rule: Readable, worth: float, tally: Tally) -> Floats:
-    """Return readings in metres, NaN where there is none, infinity where nothing was in sight."""
-    metres = ranges * worth
-    nothing = (metres > rule.nothing_above) | np.isposinf(metres) | np.isin(ranges, rule.nothing)
-    missing = np.isnan(metres)  # no reading is no fault: not every row has one of every beam
-    invalid = (metres > rule.invalid_above) | (metres <= rule.invalid_below)
-    invalid |= np.isin(ranges, rule.invalid)
-    invalid &= ~nothing & ~missing
-    tally.add("readings that mean nothing, dropped", count=int(invalid.sum()))
-    return np.where(nothing, np.inf, np.where(invalid, np.nan, metres))
-
-
 def of_quaternion(qx: Floats, qy: Floats, qz: Floats, qw: Floats) -> Floats:
     """Return the heading of a body by its quaternion [rad], which need not be of length 1."""
     # Of a size near 1, or the squares of huge or tiny numbers would be lost.
@@ -295,17 +284,4 @@ def turned(vectors: Floats, yaw: Floats) -> Floats:
     cos, sin = np.cos(yaw), np.sin(yaw)
     ahead, left = vectors.T
     found: Floats = np.column_stack([ahead * cos - left * sin, ahead * sin + left * cos])
-    return found
-
-
-def _spikes(t: Floats) -> Flags:
-    """Return which times are later than those of all the next three rows, which go on as before.
-
-    One stamp far in the future must not put every row behind it into the past.
-    """
-    found = np.zeros(len(t), dtype=np.bool_)
-    if len(t) > 4:
-        following = np.stack([t[2:-2], t[3:-1], t[4:]])
-        with np.errstate(invalid="ignore"):
-            found[1:-3] = (t[1:-3] > following.max(axis=0)) & (following.min(axis=0) >= t[:-4])
     return found
