@@ -11,24 +11,20 @@ from typing import Any
 
 import numpy as np
 
-from possmap.app.calibration_inputs import (
-    TRUTH,
-    Material,
-    RecordingsRequest,
-    of_recordings,
-    of_simulation,
-    of_tables,
-)
+from possmap.app.calibration_inputs import TRUTH, Material, of_simulation, of_tables
+from possmap.app.calibration_recordings import RecordingsRequest, of_recordings
 from possmap.calibration.fleet import calibrate
 from possmap.calibration.heading import TERMS
 from possmap.calibration.legs import LENGTHS, Errors, held_legs
-from possmap.calibration.model import fit_model, for_tracks
+from possmap.calibration.model import fit_model
 from possmap.calibration.pieces import Outing, cut
 from possmap.calibration.results import Calibration, LegScore, RobotResult
+from possmap.calibration.slips import without_slips
+from possmap.calibration.tracks import for_tracks
 from possmap.calibration.trials import Trial
 from possmap.core.model import ErrorModel
 from possmap.errors import MissingExtra, OutputError, PossmapError, printable
-from possmap.files.atomic import check_output, replacing
+from possmap.files.atomic import check_output, replacing_all
 from possmap.files.model_yaml import model_yaml
 from possmap.release import version
 
@@ -85,6 +81,7 @@ def calibrate_files(
     if importlib.util.find_spec("scipy") is None:
         raise MissingExtra("possmap calibrate", "calibrate")
     _check(output, picture, overwrite)
+    _refuse_twice(paths)
     material = _material(paths, request, progress)
     rng = np.random.default_rng(request.seed)
     found = calibrate(material.trials, rng, material.notes, material.pool)
@@ -92,14 +89,13 @@ def calibrate_files(
         reasons = "; ".join(f"{robot}: {why}" for robot, why in found.refused.items())
         raise CalibrationError(f"{printable(str(paths[0]))}: {reasons or 'gave no trials'}")
     found = _with_tracks(found, material, request)
-    with replacing(output, overwrite) as stream:
-        stream.write(as_yaml(found, paths).encode())
-    if picture is not None:
-        from possmap.pictures.calibration import sheet
-        from possmap.pictures.png import write_png
+    with replacing_all([output] if picture is None else [output, picture], overwrite) as streams:
+        streams[0].write(as_yaml(found, paths).encode())
+        if picture is not None:
+            from possmap.pictures.calibration import sheet
+            from possmap.pictures.png import write_png
 
-        with replacing(picture, overwrite) as stream:
-            write_png(sheet(found), stream, {"Software": f"possmap {version()}"})
+            write_png(sheet(found), streams[1], {"Software": f"possmap {version()}"})
     return found
 
 
@@ -112,6 +108,16 @@ def _check(output: Path, picture: Path | None, overwrite: bool) -> None:
         if picture.suffix.lower() != ".png":
             raise OutputError(f"{printable(str(picture))}: expected a name that ends in .png")
         check_output(picture, overwrite)
+
+
+def _refuse_twice(paths: Sequence[Path]) -> None:
+    """Refuse an input that is given twice: its trials would count twice, and limits be narrow."""
+    seen: set[Path] = set()
+    for path in paths:
+        real = path.resolve()
+        if real in seen:
+            raise CalibrationError(f"{printable(str(path))}: is given twice, expected it once")
+        seen.add(real)
 
 
 def _material(
@@ -190,7 +196,7 @@ def _legs(
     judged: list[tuple[Outing, ErrorModel]] = []
     for number, block in enumerate(blocks):
         others = [one for k, part in enumerate(blocks) if k != number for one in part]
-        trials = _turned([trial for one in others for trial in cut(one)], mount)
+        trials, _ = without_slips(_turned([t for one in others for t in cut(one)], mount))
         fit = for_tracks(fit_model(trials, terms), trials)
         if not {"along", "across"} <= fit.parameters.keys() or not fit.parameters.keys() <= whole:
             return

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,9 @@ LEAST_ROBOTS = 4
 _PENALTY = 2 / (1 - 0.9747)
 """Of Winkler's score: what a miss costs against what a width does, at 97.5 % per axis."""
 
-CLEARLY = 1.645
-"""Standard errors by which a term must better the score: chance does it one time in twenty."""
+CLEARLY = 2.326
+"""Standard errors by which a term must better the score: chance does it with one of the five terms
+one time in twenty."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,14 +76,17 @@ class Worth:
 class Validation:
     """Cross-validated scores.
 
-    paper : the paper's model under its estimator; linear, heading : all terms under each.
-    worth : of each term that the fit has.
+    paper : the paper's model under its estimator. full : all terms, under heading.
+    linear, heading : the model that is written, under each (``written``; before it all terms).
+    worth : of each term that the fit has. fold : of each trial.
     """
 
     paper: Score
     linear: Score
     heading: Score
+    full: Score
     worth: dict[Term, Worth]
+    fold: NDArray[np.intp]
 
 
 def folds(trials: Sequence[Trial], rng: np.random.Generator) -> NDArray[np.intp]:
@@ -136,7 +140,32 @@ def cross_validate(
     as_paper = _left_out(trials, fold, paper_model)
     assert as_paper is not None  # it tells of the same trials
     paper = _held(trials, as_paper, "linear")
-    return Validation(score(paper), score(linear), score(heading), worth)
+    full_score = score(heading)
+    return Validation(score(paper), score(linear), full_score, full_score, worth, fold)
+
+
+def written(
+    validation: Validation,
+    trials: Sequence[Trial],
+    terms: Collection[Term],
+    factors: Mapping[str, float],
+    fleet: bool = False,
+) -> Validation:
+    """Return scores of the model that is written.
+
+    terms : those left in it. factors : by what its parameters differ from those of its fit.
+    """
+
+    def fit(some: list[Trial]) -> Fit:
+        made = fit_model(some, terms, fleet)
+        found = {name: value * factors.get(name, 1.0) for name, value in made.parameters.items()}
+        return replace(made, parameters=found)
+
+    folded = _left_out(trials, validation.fold, fit)
+    if folded is None:
+        return validation
+    heading, linear = (score(_held(trials, folded, one)) for one in _ESTIMATORS)
+    return replace(validation, heading=heading, linear=linear)
 
 
 def _can_do_without(trials: Sequence[Trial], term: Term) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from possmap.calibration.checks import POWER
 from possmap.calibration.factor import limit_factor
-from possmap.calibration.heading import LEAST, Cause
+from possmap.calibration.heading import LEAST, Cause, Term
 from possmap.calibration.model import Fit
 from possmap.calibration.reml import CONFIDENCE, Interval
 from possmap.calibration.results import Estimate
@@ -16,6 +16,9 @@ _HALF_WIDTHS: Mapping[Cause, str] = {
     "run": "across", "turn": "turn_noise", "outing_turn": "turn_spread",
     "outing_drift": "drift_spread",
 }  # fmt: skip
+
+KNOWN: tuple[Term, ...] = ("scale", "drift", "turn_bias", "turn_gain")
+"""Terms that may be nothing; turns always have some noise."""
 
 
 def estimates(full: Fit, chosen: Fit) -> dict[str, Estimate]:
@@ -84,6 +87,25 @@ def scale_interval(full: Fit) -> Interval:
         df, error = full.robots - 1, full.between / math.sqrt(full.robots)
     half = float(stats.t.ppf((1 + CONFIDENCE) / 2, df)) * error
     return Interval(full.scale, full.scale - half, full.scale + half, df, error)
+
+
+def is_clear(full: Fit, term: Term) -> bool:
+    """Whether a known part is so clear that it matters on outings longer than the trials.
+
+    A small drift hardly moves the end of a trial, but that of a hundred metres; so a value that
+    is surely not nothing stays. Several parts share the level of one test (Bonferroni).
+    """
+    from scipy import stats
+
+    known = [name for name in KNOWN if name == "scale" or name in full.heading.effects]
+    if term not in known or (term == "scale" and full.heading.runs < LEAST):
+        return False
+    if term == "scale":
+        found, nothing = scale_interval(full), 1.0
+    else:
+        found, nothing = full.heading.effect_interval(term), 0.0
+    level = (1 - CONFIDENCE) / len(known)
+    return abs(found.value - nothing) > found.se * float(stats.t.ppf(1 - level / 2, found.df))
 
 
 def _detectable(limits: Interval) -> float:

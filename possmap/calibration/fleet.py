@@ -41,7 +41,11 @@ def calibrate(
     pooled = None
     if pool and len(found) > 1:
         together = [replace(one, outing=robot.robot) for robot in found for one in robot.trials]
-        pooled = calibrate_robot("", together, rng, fleet=True)
+        try:
+            pooled = calibrate_robot("", together, rng, fleet=True)
+        except Unusable as reason:
+            notes = (*notes, f"all together: {reason}")
+    if pooled is not None:
         words = list(_differences(found))
         if len(found) < LEAST:
             words.append(

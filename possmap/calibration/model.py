@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from possmap.calibration.factor import rectangle_factor
 from possmap.calibration.heading import LEAST, TERMS, HeadingFit, Term, fit_heading
-from possmap.calibration.persistence import Persistence, persistence
+from possmap.calibration.persistence import Persistence
 from possmap.calibration.trials import UNIT_TURN_DEG, Floats, Table, Trial
 from possmap.core.model import ErrorModel
 
@@ -58,9 +58,13 @@ class Fit:
 
 
 def chord_share(drift: float, distance: Floats) -> Floats:
-    """Return how much shorter a run's chord is than its arc (METHOD §1: sin(u)/u)."""
+    """Return how much shorter a run's chord is than its arc (METHOD §1: sin(u)/u).
+
+    drift : [deg/m], taken for half a circle where it would turn a run of ``distance`` [m] by more.
+    """
     bend: Floats = np.radians(drift) * distance / 2
-    return np.sinc(bend / np.pi)
+    # Beyond half a circle an end does not tell how often the robot went round.
+    return np.sinc(np.clip(bend / np.pi, -0.5, 0.5))
 
 
 def lengths(table: Table, drift: float) -> Floats:
@@ -113,7 +117,8 @@ def fit_model(trials: Sequence[Trial], terms: Collection[Term] = TERMS, fleet: b
             found["drift"], known = known, 0.0
         variance = heading.variance("outing_drift")
         count = heading.running_outings if variance else heading.runs
-        found["drift_spread"] = _spread(variance, heading.error(drift=1.0), known, count)
+        if "drift" in heading.effects or variance > 0:  # otherwise nobody knows
+            found["drift_spread"] = _spread(variance, heading.error(drift=1.0), known, count)
     if heading.turns >= LEAST:
         left = {name: heading.effect(name) for name in _TURNING}
         for name in _TURNING:
@@ -137,36 +142,6 @@ def fit_model(trials: Sequence[Trial], terms: Collection[Term] = TERMS, fleet: b
         frozenset(terms), heading, found, ends.scale, ends.along_sd, ends.excess, ends.between,
         ends.robots,
     )  # fmt: skip
-
-
-def for_tracks(fit: Fit, trials: Sequence[Trial]) -> Fit:
-    """Return a fit whose spreads are those of long tracks (``persistence.py``).
-
-    Where errors of trials that follow each other do not add up as independent ones do, spreads
-    become what does.
-    """
-    if fit.heading.runs < LEAST:
-        return fit
-    table = Table.of(trials)
-    stretched = lengths(table, fit.heading.effect("drift")) - fit.scale
-    tracks = np.array([one.track for one in trials])
-    along = persistence(stretched * table.distance[table.run], tracks[table.run].tolist())
-    use = table.told | table.run
-    problem = fit.heading.problem
-    off = problem.y - problem.x @ problem.at(problem.variances).beta
-    heading = persistence(off, tracks[use].tolist())
-    found = dict(fit.parameters)
-    if along is not None:
-        found["along"] *= along.widening
-    if heading is not None:
-        wider = heading.widening
-        # What scatters ends, but not for good, is no heading.
-        found["across"] *= wider / (fit.excess if wider < 1 else 1.0)
-        # What is known of a drift or an over-turn comes from the same errors.
-        for name in ("turn_noise", "turn_spread", "drift_spread"):
-            if name in found:
-                found[name] *= wider
-    return replace(fit, parameters=found, stays_along=along, stays_heading=heading)
 
 
 def paper_model(trials: Sequence[Trial]) -> Fit:

@@ -82,7 +82,7 @@ def notes(trials: Sequence[Trial], full: Fit) -> Iterator[str]:
     if heading.turns >= LEAST and heading.runs >= LEAST and "drift" not in heading.effects:
         yield (
             "all trials turned and ran alike: over-turn and drift cannot be told apart, and stand "
-            "together as the over-turn; add straight runs"
+            "together as the over-turn; drift and drift_spread are left out; add straight runs"
         )
     if heading.runs < LEAST:
         yield "too few runs: along, across, drift and scale are unknown, the defaults stay"

@@ -20,25 +20,36 @@ from possmap.calibration.trials import Floats
 BLOCK = 10
 """Trials that are added up."""
 
-LEAST_BLOCKS = 8
+LEAST_BLOCKS = 20
+"""Fewer sums say too little of their variance."""
+
+CHANCE = 0.001
+"""So rarely independent errors look otherwise; only then is a model changed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Persistence:
     """Variance of sums of errors over the sum of their variances: 1 if they are independent.
 
-    share, low, high : with its limits. blocks : how many sums.
+    share, low, high : with its 95 % limits. p : how often independent errors have one so far off.
+    blocks : how many sums.
     """
 
     share: float
     low: float
     high: float
+    p: float
     blocks: int
 
     @property
     def widening(self) -> float:
-        """What deviations are to be multiplied by; 1 where independence cannot be excluded."""
-        return 1.0 if self.low <= 1 <= self.high else math.sqrt(self.share)
+        """What deviations are to be multiplied by: by the limit nearer to 1, which is beyond doubt.
+
+        1 unless independence is all but excluded.
+        """
+        if self.p >= CHANCE or self.low <= 1 <= self.high:
+            return 1.0
+        return math.sqrt(self.high if self.share < 1 else self.low)
 
 
 def persistence(errors: Floats, tracks: Sequence[str]) -> Persistence | None:
@@ -54,7 +65,7 @@ def persistence(errors: Floats, tracks: Sequence[str]) -> Persistence | None:
     Returns
     -------
     Persistence or None
-        None for fewer than eight blocks of ten.
+        None for fewer than twenty blocks of ten.
     """
     from scipy import stats
 
@@ -72,4 +83,6 @@ def persistence(errors: Floats, tracks: Sequence[str]) -> Persistence | None:
     share = float((np.array(sums) ** 2).sum()) / square
     df = len(sums)
     low, high = stats.chi2.ppf([(1 + CONFIDENCE) / 2, (1 - CONFIDENCE) / 2], df)
-    return Persistence(share, share * df / low, share * df / high, df)
+    below = float(stats.chi2.cdf(share * df, df))
+    p = min(1.0, 2 * min(below, 1 - below))
+    return Persistence(share, share * df / low, share * df / high, p, df)

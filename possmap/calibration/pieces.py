@@ -21,6 +21,9 @@ from possmap.core.heading import SAME_RUN_DEG
 LEG_M = 20.0
 """So much of a long track counts as one outing, to tell what changes slowly."""
 
+WHOLE_DEG = 20.0
+"""A smaller turn made of several, or next to another, is no manoeuvre: a robot feels its way."""
+
 CLEAR_DEG = 0.1
 """A smaller angle between the truth's heading and the way driven does not matter."""
 
@@ -37,6 +40,8 @@ class Outing:
         x, y [m] and heading [deg], not wrapped; shape (k, 3).
     followed
         Whether the robot ran lined up with a wall from each pose to the next, shape (k - 1,).
+    exact
+        Whether the truth is exact and the poses are the robot's own, as in a simulated log.
     """
 
     robot: str
@@ -44,6 +49,7 @@ class Outing:
     logged: Floats
     true: Floats
     followed: Flags
+    exact: bool = False
 
     @property
     def way(self) -> Floats:
@@ -62,7 +68,9 @@ def cut(outing: Outing, leg: float = LEG_M) -> Iterator[Trial]:
     """Yield the trials of an outing.
 
     Runs along walls are none, since a wall mends the heading; nor are turns just before one, when
-    the robot lines up.
+    the robot lines up. In a log, small turns right after or before another one are none either:
+    a robot that lines up, or runs against something before it got anywhere, does not write down
+    what it did between them.
     """
     place, way = outing.logged[:, :2], outing.way
     stands = np.hypot(*np.diff(place, axis=0).T) == 0
@@ -73,7 +81,7 @@ def cut(outing: Outing, leg: float = LEG_M) -> Iterator[Trial]:
         if stands[start]:
             while stop < last and stands[stop] and turn[stop] * turn[start] >= 0:
                 stop += 1
-            if not _lines_up(outing, stands, stop):
+            if not (_lines_up(outing, stands, stop) or _feels(outing, stands, start, stop)):
                 yield from _turn(outing, start, stop, way, leg)
         elif outing.followed[start]:
             pass
@@ -97,6 +105,14 @@ def _lines_up(outing: Outing, stands: Flags, start: int) -> bool:
     return len(ahead) > 0 and bool(outing.followed[start + ahead[0]])
 
 
+def _feels(outing: Outing, stands: Flags, start: int, stop: int) -> bool:
+    """Whether a turn of a log is a small one among others at the same place."""
+    if not outing.exact or abs(outing.logged[stop, 2] - outing.logged[start, 2]) >= WHOLE_DEG:
+        return False
+    before, after = start > 0 and stands[start - 1], stop < len(stands) and stands[stop]
+    return stop - start > 1 or bool(before or after)
+
+
 def _direction(poses: Floats, start: int, stop: int) -> float:
     dx, dy = poses[stop, :2] - poses[start, :2]
     return math.degrees(math.atan2(dy, dx))
@@ -111,6 +127,7 @@ def _turn(outing: Outing, start: int, stop: int, way: Floats, leg: float) -> Ite
             outing.robot, _leg(outing, way[start], leg), 0.0, float(logged),
             float(moved[0]), float(moved[1]), wrap_degrees(float(true - logged)),
             manoeuvre="turn", place=_place(outing, start), track=outing.name,
+            exact=outing.exact,
         )  # fmt: skip
 
 
@@ -129,6 +146,7 @@ def _run(outing: Outing, start: int, stop: int, way: Floats, leg: float) -> Iter
         float(cos * dx + sin * dy - distance), float(cos * dy - sin * dx),
         wrap_degrees(float(error)), bend,
         manoeuvre="run", place=_place(outing, start), track=outing.name,
+            exact=outing.exact,
     )  # fmt: skip
 
 

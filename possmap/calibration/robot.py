@@ -13,14 +13,18 @@ from possmap.calibration.checks import (
     independence,
     proportionality,
 )
-from possmap.calibration.crossval import Validation, cross_validate
-from possmap.calibration.estimates import estimates, scale_interval
+from possmap.calibration.crossval import Validation, cross_validate, written
+from possmap.calibration.estimates import estimates, is_clear
 from possmap.calibration.heading import LEAST, TERMS, Term
-from possmap.calibration.model import Fit, directions, fit_model, for_tracks, lengths, paper_model
+from possmap.calibration.model import Fit, directions, fit_model, lengths, paper_model
 from possmap.calibration.normality import normality
 from possmap.calibration.oddities import FEW, leftover, notes, stays
 from possmap.calibration.results import RobotResult
+from possmap.calibration.slips import without_slips
+from possmap.calibration.tracks import for_tracks
 from possmap.calibration.trials import Floats, Table, Trial
+
+HALF_CIRCLE_DEG = 180.0
 
 NOTHING = 1e-6
 """Scatter so small, in metres per metre or degrees, is none: nobody measures it."""
@@ -46,16 +50,27 @@ def calibrate_robot(
     Raises
     ------
     Unusable
-        For too few trials, or errors without variance.
+        For too few trials, errors without variance, or a drift that cannot be told.
     """
     _refuse(trials)
+    slips: list[str] = []
+    if not fleet:  # those of several robots have lost theirs
+        trials, slips = without_slips(trials)
     full = fit_model(trials, fleet=fleet)
+    _refuse_circles(full, trials)
     validation = cross_validate(trials, rng, fleet)
     left_out = () if fleet else _not_earned(full, validation)
     terms = frozenset(TERMS) - set(left_out)
     chosen = fit_model(trials, terms) if left_out else full
     if not fleet:  # of several robots it would be their differences that stay
-        chosen = for_tracks(chosen, trials)
+        plain, chosen = chosen, for_tracks(chosen, trials)
+        factors = {
+            name: value / plain.parameters[name]
+            for name, value in chosen.parameters.items()
+            if value != plain.parameters[name]
+        }
+        if validation is not None and (left_out or factors):
+            validation = written(validation, trials, terms, factors)
     table = Table.of(trials)
     result = RobotResult(
         robot=robot,
@@ -72,7 +87,7 @@ def calibrate_robot(
         across_grows=None,
         validation=validation,
         leftover=leftover(full, trials) | stays(chosen),
-        notes=tuple(notes(trials, full)),
+        notes=(*notes(trials, full), *slips),
     )
     if full.heading.runs < LEAST:
         return result
@@ -125,6 +140,18 @@ def _refuse(trials: Sequence[Trial]) -> None:
             )
 
 
+def _refuse_circles(full: Fit, trials: Sequence[Trial]) -> None:
+    """Refuse a drift that goes round more than half a circle in one run: ends do not tell it."""
+    longest = max((one.distance for one in trials if one.is_run), default=0.0)
+    drift = full.heading.effect("drift")
+    if abs(drift) * longest > HALF_CIRCLE_DEG:
+        raise Unusable(
+            f"drift, found {drift:.3g} deg/m, which turns the robot by more than half a circle in "
+            f"its run of {longest:g} m: such a drift cannot be told; expected shorter runs, or "
+            "headings in degrees"
+        )
+
+
 def _not_earned(full: Fit, validation: Validation | None) -> tuple[Term, ...]:
     """Return the terms that do not make held-out rectangles better; none if that is unknown."""
     if validation is None:
@@ -132,20 +159,7 @@ def _not_earned(full: Fit, validation: Validation | None) -> tuple[Term, ...]:
     return tuple(
         term
         for term in TERMS
-        if term in validation.worth and not validation.worth[term].earned and not _clear(full, term)
+        if term in validation.worth
+        and not validation.worth[term].earned
+        and not is_clear(full, term)
     )
-
-
-def _clear(full: Fit, term: Term) -> bool:
-    """Whether a known part is so clear that it matters on outings longer than the trials.
-
-    A small drift hardly moves the end of a trial, but that of a hundred metres; so a value whose
-    limits do not hold 0 stays.
-    """
-    if term == "scale":
-        limits = scale_interval(full)
-        return limits.low > 1 or limits.high < 1
-    if term not in full.heading.effects:
-        return False
-    limits = full.heading.effect_interval(term)
-    return limits.low > 0 or limits.high < 0

@@ -45,6 +45,8 @@ class Trial:
         What it is called, and where it stands, for messages.
     track
         Of which track it was cut, right behind the trial before it; empty: of none.
+    exact
+        Whether its truth is exact, as that of a simulation is.
     """
 
     robot: str
@@ -58,6 +60,7 @@ class Trial:
     manoeuvre: str = ""
     place: str = ""
     track: str = ""
+    exact: bool = False
 
     @property
     def is_run(self) -> bool:

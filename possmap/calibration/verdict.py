@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from possmap.calibration.checks import Independence, Proportionality
 from possmap.calibration.crossval import Score
+from possmap.calibration.estimates import is_clear
 from possmap.calibration.factor import JOINT
 from possmap.calibration.heading import Term
 from possmap.calibration.normality import LEVEL, Normality
@@ -72,14 +73,11 @@ def _of_the_paper(result: RobotResult) -> str:
 
 
 def _is_clear(result: RobotResult, name: Term) -> bool:
-    """Whether a term is there beyond doubt: it earns its place, or lies far outside its limits."""
+    """Whether a term is there beyond doubt: it earns its place, or is surely not nothing."""
     validation = result.validation
     if validation is not None and name in validation.worth and validation.worth[name].earned:
         return True
-    found = result.estimates[name]
-    nothing = 1.0 if name == "scale" else 0.0
-    beyond = (found.high - found.low) / 4  # so that three standard errors are asked for
-    return not found.low - beyond <= nothing <= found.high + beyond
+    return is_clear(result.fit, name)
 
 
 def _terms(result: RobotResult) -> Iterator[str]:
@@ -88,7 +86,7 @@ def _terms(result: RobotResult) -> Iterator[str]:
         what = "trials" if result.robot else "robots"
         yield f"Too few {what} to hold some of them out: all terms are in the model, unproven."
         return
-    full = validation.heading
+    full = validation.full
     for name, worth in validation.worth.items():
         without = (
             f"without it {_share(worth.without, full)}, score {worth.gain:+.1%} ± {worth.error:.1%}"
@@ -158,14 +156,16 @@ def _left(result: RobotResult) -> Iterator[str]:
         share = left.get(f"stays_{name}")
         if share is not None and share < 1:
             yield (
-                f"Of errors {what}, {share:.0%} of the variance stays from trial to trial; the "
-                "rest is taken back, as noise of the truth is. The model is for whole tracks, and "
-                "has what stays; single ends, as the truth has them, scatter more."
+                f"Of errors {what}, {share:.0%} of the variance stays from trial to trial (p < "
+                "0.001); the rest is taken back, as noise of the truth is. The model is for whole "
+                "tracks, and narrowed towards what stays as far as that is beyond doubt; single "
+                "ends, as the truth has them, scatter more."
             )
         elif share is not None:
             yield (
                 f"Errors {what} hang together from trial to trial: sums vary {share:.1f} times as "
-                "much as those of independent ones. The model is widened to match."
+                "much as those of independent ones (p < 0.001). The model is widened as far as "
+                "that is beyond doubt."
             )
     moved = left.get("turn_moves_m")
     if moved is not None and moved > 0.01:

@@ -138,7 +138,7 @@ def _request(
         For a name that is none.
     """
     from possmap.app.calibrate import Request
-    from possmap.app.calibration_inputs import RecordingsRequest
+    from possmap.app.calibration_recordings import RecordingsRequest
     from possmap.files.logs.fields import NAME
     from possmap.files.recordings import Source, find_mapping, read_mapping
 
@@ -206,6 +206,7 @@ def _robot(one: RobotResult) -> dict[str, Any]:
             "heading": dataclasses.asdict(validation.heading),
             "linear": dataclasses.asdict(validation.linear),
             "paper": dataclasses.asdict(validation.paper),
+            "all_terms": dataclasses.asdict(validation.full),
             "without": {
                 name: dataclasses.asdict(worth.without)
                 | {"gain": worth.gain, "error": worth.error, "earned": worth.earned}

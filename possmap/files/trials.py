@@ -28,6 +28,9 @@ REQUIRED = ("robot", "distance", "turn", "along", "across")
 _WORDS = ("asked", "end", "error", "m", "deg")
 _FARTHEST = 1e6
 
+FARTHEST_DEG = 90.0
+"""No robot errs by more: such a heading is itself told, not its error [deg]."""
+
 
 def read_trials(path: Path, limits: Limits | None = None) -> list[Trial]:
     """Read a file of trials.
@@ -121,9 +124,21 @@ def _trial(fields: Mapping[str, str], place: str) -> Trial:
             f"along and across, found {along:g} and {across:g}, expected an end no farther off "
             f"than the {distance:g} m that were run: metres?",
         )
+    if abs(heading) > FARTHEST_DEG:
+        raise LogError(
+            place,
+            f"heading, found {heading:g}, expected an error of at most {FARTHEST_DEG:g} degrees; "
+            "write it as true minus asked, between -180 and 180",
+        )
     robot, geometry = fields["robot"], fields.get("geometry", "")
+    if geometry and not NAME.fullmatch(f"{robot}:{geometry}"):
+        raise LogError(
+            place,
+            f"robot and geometry, found {shown(f'{robot}:{geometry}')}, expected at most 64 "
+            "characters together: they name one robot in the model",
+        )
     return Trial(
-        robot=f"{robot}:{geometry}"[:64] if geometry else robot,
+        robot=f"{robot}:{geometry}" if geometry else robot,
         outing=fields.get("outing") or place,
         distance=distance,
         turn=turn,

@@ -350,3 +350,63 @@ def test_intels_held_out_legs_lie_in_their_rectangles(tmp_path: Path) -> None:
     legs = {leg["length"]: leg for leg in own["legs"] if leg["estimator"] == "heading"}
     assert all(leg["coverage"] >= 0.9 for leg in legs.values()), legs
     assert legs[10.0]["half_width"] < 1.6 and legs[20.0]["half_width"] < 3.2
+
+
+HEADER = "robot,manoeuvre,distance,turn,along,across,heading,geometry\n"
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ("r1,spin,0,90,,,183.8,", "table.csv:2: heading, found 183.8, expected an error of at most "
+         "90 degrees; write it as true minus asked, between -180 and 180"),
+        ("r1,spin,0,90,,,-90.5,", "heading, found -90.5"),
+        (f"{'r' * 60},spin,0,90,,,1,wide", "expected at most 64 characters together"),
+    ],
+)  # fmt: skip
+def test_rows_that_mean_something_else_are_refused(tmp_path: Path, row: str, words: str) -> None:
+    table = tmp_path / "table.csv"
+    table.write_text(HEADER + row + "\n")
+    result = calibrate(table, "-o", tmp_path / "model.yaml")
+    assert result.exit_code == 1 and words in result.stderr
+
+
+def test_trials_that_are_given_twice_are_refused(tmp_path: Path) -> None:
+    model = tmp_path / "model.yaml"
+    result = calibrate(TRIALS, TRIALS, "-o", model)
+    assert result.exit_code == 1 and "trials.csv: is given twice, expected it once" in result.stderr
+    copy = tmp_path / "copy.csv"
+    copy.write_bytes(TRIALS.read_bytes())
+    result = calibrate(TRIALS, copy, "-o", model)
+    assert result.exit_code == 1 and "copy.csv:" in result.stderr
+    assert "in all numbers, as 240 of 480 trials repeat an earlier one" in result.stderr
+    assert not model.exists()
+
+
+def test_model_and_picture_are_written_both_or_neither(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from possmap.pictures import png
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(png, "write_png", full)
+    result = calibrate(TRIALS, "-o", tmp_path / "model.yaml", "--picture", tmp_path / "out.png")
+    assert result.exit_code == 1 and "No space left on device" in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_model_of_a_simulated_team_lies_below_its_own_limits(tmp_path: Path) -> None:
+    """The truth of a simulation has no noise that could be taken back."""
+    words = ["simulate", ROOT / "configs/missions/office.yaml", "-o", tmp_path / "team", "--seed",
+             1]  # fmt: skip
+    assert CliRunner().invoke(main, [str(word) for word in words]).exit_code == 0
+    told = found(tmp_path / "team", "-o", tmp_path / "model.yaml")
+    robots = told["robots"]
+    assert isinstance(robots, dict) and len(robots) == 6
+    for robot in robots.values():
+        assert not any(name.startswith("stays_") for name in robot["left_over"])
+        for name in ("along", "across"):
+            own = robot["estimates"][name]
+            assert own["low"] <= own["value"] <= robot["model"][name]
