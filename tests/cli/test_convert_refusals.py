@@ -212,7 +212,8 @@ ASKED: list[tuple[str, int, str]] = [
      "good.csv: is the recording itself, expected the name of a log"),
     (f"{GOOD} -o no/out.jsonl", 1, "no/out.jsonl: the folder no does not exist"),
     (f"{GOOD} -o no/out", 1, "no/out: cannot be written: No such file or directory"),
-    (f"{GOOD} -o .", 1, ".: holds something already; --overwrite replaces logs of the same outi"),
+    (f"{GOOD} -o .", 1,
+     ".: holds something already; --overwrite replaces logs of the same outings"),
     (GOOD, 2, "Missing option '-o' / '--output'."),
     # Mappings
     ("good.csv --mapping intel-jsn -o out.jsonl", 1,
