@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +34,7 @@ class Placed(Protocol):
     def y2(self) -> float: ...  # noqa: D102
 
 
-@dataclass(frozen=True, slots=True)
-class ClipLine:
+class ClipLine(NamedTuple):
     """The infinite line normal·p = offset; the run saw it from the side where normal·p is larger.
 
     one_sided : False where the run lies on the line, so that nothing is beyond it.

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from possmap.core.model import ErrorModel
 from possmap.core.track import Stretch
 
 
-@dataclass(frozen=True, slots=True)
-class CorrectedStretch:
+class CorrectedStretch(NamedTuple):
     """A stretch laid where the robot is now believed to have been.
 
     Attributes
@@ -48,9 +47,10 @@ class CorrectedStretch:
         and across the corrected one; the part along it is stretched like the run. At standstill
         it is only turned.
         """
-        off_x, off_y = x - self.logged.start.x, y - self.logged.start.y
-        if self.logged.is_run:
-            (unit_x, unit_y), (along_x, along_y) = _unit(self.logged), self.along
+        logged = self.logged
+        off_x, off_y = x - logged.start.x, y - logged.start.y
+        if logged.is_run:
+            (unit_x, unit_y), (along_x, along_y) = logged.unit, self.along
             along = (off_x * unit_x + off_y * unit_y) * self.stretch
             across = off_y * unit_x - off_x * unit_y
             turned_x = along * along_x - across * along_y
@@ -62,21 +62,15 @@ class CorrectedStretch:
 
     def share(self, x: float, y: float) -> float:
         """Return where a logged point projects onto the run, a share in [0, 1]; 0 at standstill."""
-        if not self.logged.is_run:
+        logged = self.logged
+        if not logged.is_run:
             return 0.0
-        unit_x, unit_y = _unit(self.logged)
-        off_x, off_y = x - self.logged.start.x, y - self.logged.start.y
-        return min(1.0, max(0.0, (off_x * unit_x + off_y * unit_y) / self.logged.distance))
+        unit_x, unit_y = logged.unit
+        off_x, off_y = x - logged.start.x, y - logged.start.y
+        return min(1.0, max(0.0, (off_x * unit_x + off_y * unit_y) / logged.distance))
 
 
-def _unit(run: Stretch) -> tuple[float, float]:
-    """Direction of the logged displacement, not of the heading (METHOD §1, Correction)."""
-    distance = run.distance
-    return (run.end.x - run.start.x) / distance, (run.end.y - run.start.y) / distance
-
-
-@dataclass(frozen=True, slots=True)
-class Believed:
+class Believed(NamedTuple):
     """Where the correction has come to.
 
     place : corrected [m].
@@ -102,7 +96,9 @@ def correct(stretches: Iterable[Stretch], model: ErrorModel) -> list[CorrectedSt
 
 def advance(now: Believed, logged: Stretch, model: ErrorModel) -> tuple[Believed, CorrectedStretch]:
     """Lay one more stretch behind what was laid; a robot does this while it drives."""
-    correction_deg = 0.0 if logged.is_followed else now.correction_deg
+    place, correction_deg = now
+    if logged.is_followed:
+        correction_deg = 0.0
     if logged.is_run:
         # One arc bends by drift·d; its chord lies half of that to the side, and is shorter.
         bend_deg = 0.0 if logged.is_followed else model.drift * logged.distance
@@ -110,24 +106,18 @@ def advance(now: Believed, logged: Stretch, model: ErrorModel) -> tuple[Believed
         stretch = model.scale * (math.sin(half) / half if half else 1.0)
         angle = math.radians(correction_deg) + half
         cos, sin = math.cos(angle), math.sin(angle)
-        unit_x, unit_y = _unit(logged)
+        unit_x, unit_y = logged.unit
         along = (unit_x * cos - unit_y * sin, unit_x * sin + unit_y * cos)
         step = logged.distance * stretch
-        end = (now.place[0] + step * along[0], now.place[1] + step * along[1])
+        end = (place[0] + step * along[0], place[1] + step * along[1])
         correction_deg += bend_deg
     else:
         angle = math.radians(correction_deg)
         cos, sin = math.cos(angle), math.sin(angle)
-        stretch, along, step, end = 1.0, (1.0, 0.0), 0.0, now.place
+        stretch, along, step, end = 1.0, (1.0, 0.0), 0.0, place
     turn_deg = logged.turn_deg
     correction_deg += model.turn_gain * turn_deg + model.turn_bias * abs(turn_deg) / 45
+    heading_deg = logged.end.heading_deg + correction_deg
     return Believed(end, correction_deg), CorrectedStretch(
-        logged=logged,
-        start=now.place,
-        end=end,
-        length=abs(step),
-        along=along,
-        stretch=stretch,
-        rotation=(cos, sin),
-        heading_deg=logged.end.heading_deg + correction_deg,
+        logged, place, end, abs(step), along, stretch, (cos, sin), heading_deg
     )

@@ -50,6 +50,11 @@ class Changes(NamedTuple):
         return np.abs(self.b - self.a)
 
 
+_NO_CHANGES = Changes(
+    *np.zeros((2, 0), dtype=np.intp), *np.zeros((2, len(QUANTITIES), 0), dtype=np.float64)
+)
+
+
 def known(layers: TileLayers) -> NDArray[np.bool_]:
     """Return which cells are not pure ignorance."""
     walls, free, points = (layers[layer] != 0 for layer in Layer)
@@ -59,10 +64,11 @@ def known(layers: TileLayers) -> NDArray[np.bool_]:
 
 def changes(pair: CellPair) -> Changes:
     """Return where two grids differ, and by how much."""
+    if pair.equal:
+        return _NO_CHANGES
     moved = np.zeros(pair.window.shape, dtype=bool)
-    if not pair.equal:
-        for layer in Layer:
-            moved |= pair.a[layer] != pair.b[layer]
+    for layer in Layer:
+        moved |= pair.a[layer] != pair.b[layer]
     row, column = np.nonzero(moved)
     return Changes(
         row + pair.window.row0,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -15,7 +14,7 @@ from possmap.core.model import ErrorModel
 from possmap.core.propagation import ErrorRectangle, StretchErrors, propagate
 from possmap.core.records import Beam, PartialMap, Pose, Wall
 from possmap.core.settings import EvidenceSettings
-from possmap.core.track import stretches
+from possmap.core.track import Stretch, stretches
 
 
 class Layer(IntEnum):
@@ -40,8 +39,7 @@ class Swath(NamedTuple):
     factor: float
 
 
-@dataclass(frozen=True, slots=True)
-class Segment:
+class Segment(NamedTuple):
     """A straight line of stamps between two places, the rectangle changing linearly (METHOD §2).
 
     record : index, in the excursion, of the record that says so.
@@ -60,8 +58,7 @@ class Segment:
     swath: Swath | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Evidence:
+class Evidence(NamedTuple):
     """Segments of one layer that are not independent: inside them the maximum counts (METHOD §3).
 
     layer : WALLS and POINTS: one detection; FREE: paths, for which grouping does not matter.
@@ -75,8 +72,7 @@ class Evidence:
     clip: tuple[ClipLine, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Geometry:
+class Geometry(NamedTuple):
     """A record laid out on the map, kept beside it in the ledger.
 
     x, y, x2, y2 : corrected places [m], the same twice where the record has but one.
@@ -100,8 +96,7 @@ class Geometry:
         return cls(x, y, rect, x, y, rect, heading_deg)
 
 
-@dataclass(frozen=True, slots=True)
-class Findings:
+class Findings(NamedTuple):
     """Everything that one version of an excursion yields.
 
     geometry : by record index; records that wait, and meetings, have none.
@@ -121,25 +116,33 @@ def findings(excursion: PartialMap, model: ErrorModel, settings: EvidenceSetting
     """Correct, propagate and lay out one excursion: METHOD §1 and §2 in four steps."""
     geometry: dict[int, Geometry] = {}
     evidence: list[Evidence] = []
-    first = next((record for record in excursion.records if isinstance(record, Pose)), None)
-    if first is not None:
-        track = correct(stretches(excursion.records), model)
-        start = at_start(first, settings.estimator)
-        errors = propagate(start, track, model)
-        geometry[excursion.records.index(first)] = Geometry.of_point(
-            first.x, first.y, start.rectangle, first.heading_deg
-        )
-        for stretch, error in zip(track, errors, strict=True):
+    swath = Swath(settings.path_width, model.factor) if settings.path_width else None
+    poses = (one for one in enumerate(excursion.records) if isinstance(one[1], Pose))
+    index, first = next(poses, (0, None))
+    if not isinstance(first, Pose):
+        return Findings(model, geometry, ())
+    track = correct(stretches(excursion.records), model)
+    start = at_start(first, settings.estimator)
+    errors = propagate(start, track, model)
+    geometry[index] = Geometry.of_point(first.x, first.y, start.rectangle, first.heading_deg)
+    for stretch, error in zip(track, errors, strict=True):
+        logged = stretch.logged
+        if logged.seen:
             geometry.update(_lay_out(stretch, error, model))
-            evidence += _detections(stretch, geometry)
-            evidence += _free_space(stretch, error, geometry, model, settings)
+            evidence += _detections(logged, geometry)
+        (x, y), rect = stretch.end, error.end
+        geometry[logged.end_index] = Geometry(x, y, rect, x, y, rect, stretch.heading_deg)
+        if logged.is_run and (settings.free_along_walls or not logged.has_wall):
+            evidence.append(_path(stretch, error, geometry, settings, swath))
+        if logged.seen and settings.free_along_beams:
+            evidence += _along_beams(logged, geometry, settings.resolution)
     return Findings(model, geometry, tuple(evidence))
 
 
 def _lay_out(
     stretch: CorrectedStretch, error: StretchErrors, model: ErrorModel
 ) -> Iterator[tuple[int, Geometry]]:
-    """Place what was recorded during a stretch, and the pose that ends it."""
+    """Place what was recorded during a stretch."""
     for index, sighting in stretch.logged.seen:
         x, y = stretch.place(sighting.x, sighting.y)
         share = stretch.share(sighting.x, sighting.y)
@@ -154,10 +157,6 @@ def _lay_out(
             yield index, Geometry(x, y, rect, x2, y2, rect2)
         else:
             yield index, Geometry.of_point(x, y, rect)
-    yield (
-        stretch.logged.end_index,
-        Geometry.of_point(*stretch.end, error.end, stretch.heading_deg),
-    )
 
 
 def _at_beam_end(
@@ -170,11 +169,11 @@ def _at_beam_end(
     )
 
 
-def _detections(stretch: CorrectedStretch, geometry: dict[int, Geometry]) -> Iterator[Evidence]:
+def _detections(logged: Stretch, geometry: dict[int, Geometry]) -> Iterator[Evidence]:
     """Yield each wall, the hits of all beams together, and each singular point as one detection."""
-    closed_by = stretch.logged.end_index
+    closed_by = logged.end_index
     hits: list[Segment] = []
-    for index, sighting in stretch.logged.seen:
+    for index, sighting in logged.seen:
         at = geometry[index]
         if isinstance(sighting, Wall):
             wall = Segment(index, at.x, at.y, at.x2, at.y2, at.rect, at.rect2)
@@ -189,31 +188,34 @@ def _detections(stretch: CorrectedStretch, geometry: dict[int, Geometry]) -> Ite
         yield Evidence(Layer.WALLS, closed_by, tuple(hits))
 
 
-def _free_space(
+def _path(
     stretch: CorrectedStretch,
     error: StretchErrors,
     geometry: dict[int, Geometry],
-    model: ErrorModel,
     settings: EvidenceSettings,
-) -> Iterator[Evidence]:
-    """Yield the path of a free run and, where the settings ask for it, past walls and of beams."""
+    swath: Swath | None,
+) -> Evidence:
+    """Return the path of a run, which ends at the walls that it saw where the settings ask so."""
     closed_by = stretch.logged.end_index
-    past_walls = stretch.logged.has_wall
-    if stretch.logged.is_run and (settings.free_along_walls or not past_walls):
-        swath = Swath(settings.path_width, model.factor) if settings.path_width else None
-        path = Segment(closed_by, *stretch.start, *stretch.end, error.start, error.end, swath)
-        clipped = past_walls and settings.clip_coobserved
-        lines = clip_lines(stretch, geometry) if clipped else ()
-        yield Evidence(Layer.FREE, closed_by, (path,), lines)
-    if settings.free_along_beams:
-        beams = [
-            path
-            for index, sighting in stretch.logged.seen
-            if isinstance(sighting, Beam)
-            for path in _beam_path(index, sighting.hit, geometry[index], settings.resolution)
-        ]
-        if beams:
-            yield Evidence(Layer.FREE, closed_by, tuple(beams))
+    path = Segment(closed_by, *stretch.start, *stretch.end, error.start, error.end, swath)
+    clipped = stretch.logged.has_wall and settings.clip_coobserved
+    return Evidence(
+        Layer.FREE, closed_by, (path,), clip_lines(stretch, geometry) if clipped else ()
+    )
+
+
+def _along_beams(
+    logged: Stretch, geometry: dict[int, Geometry], resolution: float
+) -> Iterator[Evidence]:
+    """Yield the free parts of all beams together, if there is any."""
+    beams = [
+        path
+        for index, sighting in logged.seen
+        if isinstance(sighting, Beam)
+        for path in _beam_path(index, sighting.hit, geometry[index], resolution)
+    ]
+    if beams:
+        yield Evidence(Layer.FREE, logged.end_index, tuple(beams))
 
 
 def _beam_path(index: int, hit: bool, beam: Geometry, resolution: float) -> Iterator[Segment]:

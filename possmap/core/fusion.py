@@ -6,19 +6,20 @@ is a maximum of denials 1 - Π. Both are commutative and associative on integers
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from itertools import groupby
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from possmap.core.clip import ClipLine, spared
-from possmap.core.evidence import Findings, Layer
-from possmap.core.lattice import TILE, TileKey, Window, tile_window
-from possmap.core.pyramid import FULL, Values
+from possmap.core import kernel
+from possmap.core.clip import spared
+from possmap.core.evidence import Layer
+from possmap.core.lattice import TILE, Window, tile_window
+from possmap.core.plan import TileWork
+from possmap.core.pyramid import FULL, Ints, Values, Weights
+from possmap.core.segment_table import COLUMNS, segment_of
 from possmap.core.settings import EvidenceSettings
-from possmap.core.stamping import Piece, extent, pieces, stamp
+from possmap.core.stamping import Piece, extent
 
 UNIT = 2**18
 """Weight of evidence 1 as an integer."""
@@ -26,10 +27,12 @@ UNIT = 2**18
 CERTAIN = 16 * UNIT
 """The weight of a value of 65535, which has no finite logarithm."""
 
-Weights: TypeAlias = NDArray[np.int64]
 LayerArray: TypeAlias = Weights | Values
 TileLayers: TypeAlias = dict[Layer, LayerArray]
 """The layers of one tile that are not pure ignorance, each of shape (TILE, TILE)."""
+
+
+_MAX_ERROR = COLUMNS.index("max_error")
 
 
 def _weight_table() -> Weights:
@@ -45,99 +48,39 @@ WEIGHT = _weight_table()
 """Weight of each 16-bit value: round(-ln(1 - q/65535)·2¹⁸), and 16·2¹⁸ at 65535 (METHOD §3)."""
 
 
-class Job(NamedTuple):
-    """A piece to stamp into a tile.
-
-    excursion, evidence : numbers that tell whose it is; pieces of one evidence share them.
-    known : whether the tile already holds it (``independence: excursion`` stamps it again).
-    """
-
-    excursion: int
-    evidence: int
-    layer: Layer
-    known: bool
-    piece: Piece
-    clip: tuple[ClipLine, ...]
-    max_error: float
-
-
-Plan: TypeAlias = dict[TileKey, list[Job]]
-"""What to stamp, tile by tile: each touched tile is read, changed and written once."""
-
-Touched: TypeAlias = set[tuple[TileKey, int]]
-"""Tiles, each with the index of a record that touches it."""
-
-
-def add_to_plan(
-    plan: Plan,
-    found: Findings,
-    excursion: int,
-    known_records: int,
-    settings: EvidenceSettings,
-) -> Touched:
-    """Plan the stamping of what an excursion newly says; return the tiles that each record touches.
-
-    Parameters
-    ----------
-    excursion
-        A number that no other excursion of the plan has.
-    known_records
-        How many of its records, from the first, the grid already holds.
-    """
-    touched: Touched = set()
-    resolution, max_error = settings.resolution, found.model.max_error
-
-    def jobs(known: bool) -> Iterator[tuple[TileKey, Job]]:
-        for number, one in enumerate(found.evidence):
-            if (one.closed_by < known_records) == known:
-                for segment in one.segments:
-                    for key, piece in pieces(segment, resolution, max_error):
-                        yield (
-                            key,
-                            Job(excursion, number, one.layer, known, piece, one.clip, max_error),
-                        )
-
-    reinforced: set[tuple[TileKey, Layer]] = set()
-    for key, job in jobs(known=False):
-        plan.setdefault(key, []).append(job)
-        touched.add((key, job.piece.segment.record))
-        if job.layer is not Layer.FREE:
-            reinforced.add((key, job.layer))
-    if settings.independence == "excursion" and known_records and reinforced:
-        # What the excursion said before in these tiles, so that only the difference is added.
-        for key, job in jobs(known=True):
-            if (key, job.layer) in reinforced:
-                plan[key].append(job)
-    return touched
-
-
-def fuse_tile(
-    key: TileKey, jobs: Iterable[Job], layers: TileLayers, settings: EvidenceSettings
-) -> TileLayers:
-    """Return the layers of a tile that the jobs change, as new arrays.
+def fuse_tile(work: TileWork, layers: TileLayers, settings: EvidenceSettings) -> TileLayers:
+    """Return the layers of a tile that the work changes, as new arrays.
 
     Parameters
     ----------
     layers
-        The tile's layers so far; left as they are.
+        The tile's layers so far; left as they are. Of none, what comes back is a partial tile.
     """
     changed: TileLayers = {}
-    window = tile_window(key)
-    by_layer = sorted(jobs, key=lambda job: (job.layer, job.excursion, job.known, job.evidence))
-    for layer, of_layer in groupby(by_layer, key=lambda job: job.layer):
+    window = tile_window(work.key)
+    for layer, pieces in sorted(work.pieces.items()):
         array = layers[layer].copy() if layer in layers else blank(layer)
         if layer is Layer.FREE:
-            for job in of_layer:
-                _deny(array, window, job, settings.resolution)
-        elif settings.independence == "detection":
-            for _, detection in groupby(of_layer, key=lambda job: (job.excursion, job.evidence)):
-                _reinforce(array, window, list(detection), settings.resolution)
+            _deny(array.astype(np.uint16, copy=False), window, work, pieces, settings.resolution)
         else:
-            for _, excursion in groupby(of_layer, key=lambda job: job.excursion):
-                _reinforce(array, window, list(excursion), settings.resolution)
+            weights = array.astype(np.int64, copy=False)
+            kernel.reinforce(weights, window, work.segments, pieces, settings.resolution, WEIGHT)
         if array.any():
             changed[layer] = array
     return changed
+
+
+def merged(one: TileLayers, other: TileLayers) -> TileLayers:
+    """Return what two partial tiles say together: weights add up, of denials the larger counts."""
+    found = dict(one)
+    for layer, array in other.items():
+        if layer not in found:
+            found[layer] = array
+        elif layer is Layer.FREE:
+            found[layer] = np.maximum(found[layer], array)
+        else:
+            found[layer] = found[layer] + array
+    return found
 
 
 def blank(layer: Layer) -> LayerArray:
@@ -147,36 +90,22 @@ def blank(layer: Layer) -> LayerArray:
     return np.zeros((TILE, TILE), dtype=np.int64)
 
 
-def _reinforce(array: LayerArray, window: Window, jobs: list[Job], resolution: float) -> None:
-    """Add the weight of one detection's maximum, or by how much it grows, to those of a tile."""
-    known = [job for job in jobs if job.known]
-    region = _extent(jobs, window, resolution)
-    values = np.zeros(region.shape, dtype=np.uint16)
-    for job in known:
-        stamp(values, region, job.piece, resolution, job.max_error)
-    before = WEIGHT[values] if known else 0
-    for job in jobs:
-        if not job.known:
-            stamp(values, region, job.piece, resolution, job.max_error)
-    array[region.slices_in(window)] += WEIGHT[values] - before
-
-
-def _deny(array: LayerArray, window: Window, job: Job, resolution: float) -> None:
-    """Raise a tile's denials to those of a free path, which ends at the lines that clip it."""
-    region = _extent([job], window, resolution)
-    values = np.zeros(region.shape, dtype=np.uint16)
-    stamp(values, region, job.piece, resolution, job.max_error)
-    if job.clip:
-        values[spared(region, job.clip, resolution)] = 0
-    target = array[region.slices_in(window)]
-    np.maximum(target, values, out=target)
-
-
-def _extent(jobs: list[Job], window: Window, resolution: float) -> Window:
-    whole = extent(jobs[0].piece, resolution)
-    for job in jobs[1:]:
-        whole = whole.union(extent(job.piece, resolution))
-    return whole.intersection(window)
+def _deny(array: Values, window: Window, work: TileWork, pieces: Ints, resolution: float) -> None:
+    """Raise a tile's denials to those of free paths, which end at the lines that clip them."""
+    apart = work.apart(pieces)
+    kernel.raise_block(
+        array, window, work.segments, np.ascontiguousarray(pieces[~apart]), resolution
+    )
+    for number, first, last, *_, clip in pieces[apart].tolist():
+        row = work.segments[number]
+        piece = Piece(segment_of(row), first, last)
+        region = extent(piece, resolution).intersection(window)
+        values = np.zeros(region.shape, dtype=np.uint16)
+        kernel.stamp(values, region, piece, resolution, float(row[_MAX_ERROR]))
+        if clip >= 0:
+            values[spared(region, work.clips[clip], resolution)] = 0
+        target = array[region.slices_in(window)]
+        np.maximum(target, values, out=target)
 
 
 def necessity_of(weights: Weights) -> NDArray[np.float64]:

@@ -12,7 +12,6 @@ can make one overflow or vanish.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from possmap.core.angles import wrap_degrees
@@ -79,30 +78,24 @@ class Run(NamedTuple):
         return Run(self.direction_deg, self.followed, self.length + piece.length)
 
 
-@dataclass(frozen=True, slots=True)
-class HeadingError:
+class HeadingError(NamedTuple):
     """What may be wrong with a pose: the covariance of the errors, and the run that led there.
 
+    rectangle : around the corrected place, read off the covariance. It may shrink: on the way back
+        a heading error undoes itself.
     run : None before the first.
     """
 
     covariance: Covariance
+    rectangle: ErrorRectangle
     run: Run | None = None
 
     @classmethod
     def at_start(cls, pose: Pose) -> HeadingError:
         """Return the first pose's own error, zero unless the log says otherwise."""
         heading = math.radians(pose.error_heading_deg)
-        return cls(Covariance(xx=pose.error_x**2, yy=pose.error_y**2, hh=heading**2))
-
-    @property
-    def rectangle(self) -> ErrorRectangle:
-        """Around the corrected place. It may shrink: on the way back a heading error undoes itself.
-
-        Rounding may leave a variance of nothing a hair below 0.
-        """
-        p = self.covariance
-        return ErrorRectangle(math.sqrt(max(0.0, p.xx)), math.sqrt(max(0.0, p.yy)))
+        p = Covariance(xx=pose.error_x**2, yy=pose.error_y**2, hh=heading**2)
+        return cls(p, _rectangle(p))
 
     @property
     def heading_half(self) -> float:
@@ -114,37 +107,43 @@ class HeadingError:
         led = self._joined(run.logged, followed=False)
         # What makes a straight run miss to the side is a heading that is off from its start.
         kick = 0.0 if led is self.run else model.across**2
-        return HeadingError(_moved(self.covariance, kick, led, run, model), led.longer(run))
+        moved = _moved(self.covariance, kick, led, run, model)
+        return HeadingError(moved, _rectangle(moved), led.longer(run))
 
     def after_following(self, run: CorrectedStretch, model: ErrorModel) -> HeadingError:
         """Carry it along a followed wall: the heading is the wall's, nothing moves sideways."""
         led = self._joined(run.logged, followed=True)
         xx, yy = led.stretched(run, model)
         p, aligned = self.covariance, math.radians(model.alignment_spread) ** 2
-        lined_up = p._replace(
-            xx=p.xx + xx, yy=p.yy + yy, xh=0.0, yh=0.0, hh=aligned, ho=0.0, hb=0.0
-        )
-        return HeadingError(lined_up, led.longer(run))
+        lined_up = Covariance(
+            xx=p.xx + xx, yy=p.yy + yy, hh=aligned, xo=p.xo, yo=p.yo, xb=p.xb, yb=p.yb
+        )  # xh, yh, ho and hb: what the heading was forgets its causes
+        return HeadingError(lined_up, _rectangle(lined_up), led.longer(run))
 
     def after_turn(self, turn_deg: float, model: ErrorModel) -> HeadingError:
         """Carry it through a turn: the heading gains the over-turn, and what is new in each turn.
 
         F is the identity but for F[heading, over-turn] = |t|/45.
         """
-        p, t = self.covariance, abs(turn_deg) / 45
-        oo = math.radians(model.turn_spread) ** 2
-        ho = p.ho + t * oo
-        hh = p.hh + t * (p.ho + ho) + t * math.radians(model.turn_noise) ** 2
-        turned = p._replace(xh=p.xh + t * p.xo, yh=p.yh + t * p.yo, hh=hh, ho=ho)
-        return HeadingError(turned, self.run)
+        xx, yy, xh, yh, hh, xo, yo, ho, xb, yb, hb = self.covariance
+        t, oo = abs(turn_deg) / 45, math.radians(model.turn_spread) ** 2
+        new_ho = ho + t * oo
+        hh = hh + t * (ho + new_ho) + t * math.radians(model.turn_noise) ** 2
+        turned = Covariance(xx, yy, xh + t * xo, yh + t * yo, hh, xo, yo, new_ho, xb, yb, hb)
+        return HeadingError(turned, self.rectangle, self.run)  # it turned on the spot
 
     def _joined(self, piece: Stretch, followed: bool) -> Run:
         """Return the run that a piece continues, or the one that it begins, of length 0 yet."""
-        rise, reach = piece.end.y - piece.start.y, piece.end.x - piece.start.x
-        direction_deg = math.degrees(math.atan2(rise, reach))
+        start, end = piece.start, piece.end
+        direction_deg = math.degrees(math.atan2(end.y - start.y, end.x - start.x))
         if self.run and self.run.continues(direction_deg, followed):
             return self.run
         return Run(direction_deg, followed)
+
+
+def _rectangle(p: Covariance) -> ErrorRectangle:
+    """Return the half-widths; rounding may leave a variance of nothing a hair below 0."""
+    return ErrorRectangle(math.sqrt(max(0.0, p.xx)), math.sqrt(max(0.0, p.yy)))
 
 
 def _moved(
@@ -157,26 +156,28 @@ def _moved(
 
     kick : what the heading's variance gains before.
     """
-    d, bb, hh = run.length, math.radians(model.drift_spread) ** 2, p.hh + kick
+    xx, yy, xh, yh, hh, xo, yo, ho, xb, yb, hb = p
+    d, bb, hh = run.length, math.radians(model.drift_spread) ** 2, hh + kick
     reach = math.copysign(d, run.stretch)  # a drift of more than a full circle ends behind
-    fxh, fyh = -reach * run.along[1], reach * run.along[0]
+    cos, sin = run.along
+    fxh, fyh = -reach * sin, reach * cos
     fxb, fyb = d / 2 * fxh, d / 2 * fyh
     # The new x and y with the old h and b.
-    xh, yh = p.xh + fxh * hh + fxb * p.hb, p.yh + fyh * hh + fyb * p.hb
-    xb, yb = p.xb + fxh * p.hb + fxb * bb, p.yb + fyh * p.hb + fyb * bb
-    hb = p.hb + d * bb
-    xx, yy = led.stretched(run, model)
+    new_xh, new_yh = xh + fxh * hh + fxb * hb, yh + fyh * hh + fyb * hb
+    new_xb, new_yb = xb + fxh * hb + fxb * bb, yb + fyh * hb + fyb * bb
+    new_hb = hb + d * bb
+    along_x, along_y = led.stretched(run, model)
     return Covariance(
         # Each: the new one with the old, then with what the old one gains.
-        xx=(p.xx + fxh * p.xh + fxb * p.xb) + fxh * xh + fxb * xb + xx,
-        yy=(p.yy + fyh * p.yh + fyb * p.yb) + fyh * yh + fyb * yb + yy,
-        xh=xh + d * xb,
-        yh=yh + d * yb,
-        hh=hh + d * (p.hb + hb),
-        xo=p.xo + fxh * p.ho,
-        yo=p.yo + fyh * p.ho,
-        ho=p.ho,
-        xb=xb,
-        yb=yb,
-        hb=hb,
+        xx=(xx + fxh * xh + fxb * xb) + fxh * new_xh + fxb * new_xb + along_x,
+        yy=(yy + fyh * yh + fyb * yb) + fyh * new_yh + fyb * new_yb + along_y,
+        xh=new_xh + d * new_xb,
+        yh=new_yh + d * new_yb,
+        hh=hh + d * (hb + new_hb),
+        xo=xo + fxh * ho,
+        yo=yo + fyh * ho,
+        ho=ho,
+        xb=new_xb,
+        yb=new_yb,
+        hb=new_hb,
     )

@@ -7,7 +7,7 @@ during each run.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from possmap.core.correction import CorrectedStretch
 from possmap.core.model import ErrorModel
@@ -15,8 +15,7 @@ from possmap.core.propagation import RIGHT_ANGLE, ErrorRectangle
 from possmap.core.records import Pose
 
 
-@dataclass(frozen=True, slots=True)
-class LinearError:
+class LinearError(NamedTuple):
     """What may be wrong with a pose: two half-widths and one of the heading.
 
     Attributes
@@ -46,26 +45,19 @@ class LinearError:
         spread = math.radians(model.drift_spread)
         so_far = self.run_length
         first_half = self.run_heading_half if so_far else self.heading_half
-
-        def gained(distance: float) -> tuple[float, float]:
-            half = min(RIGHT_ANGLE, first_half + spread * distance / 2)
-            return (
-                model.along * distance + distance * (1 - math.cos(half)),
-                model.across * distance + distance * math.sin(half),
-            )
-
-        along, across = gained(so_far + run.length)
+        whole = so_far + run.length
+        along, across = _gained(whole, first_half, spread, model)
         if so_far:
-            along_before, across_before = gained(so_far)
+            along_before, across_before = _gained(so_far, first_half, spread, model)
             # Both terms grow with distance; rounding must not make a half-width shrink.
             along, across = max(0.0, along - along_before), max(0.0, across - across_before)
         cos, sin = abs(run.along[0]), abs(run.along[1])
         return LinearError(
             self.rectangle.grown(cos * along + sin * across, sin * along + cos * across),
-            min(RIGHT_ANGLE, first_half + spread * (so_far + run.length)),
+            min(RIGHT_ANGLE, first_half + spread * whole),
             first_half,
             # Without a spread of the drift growth is linear, and a run needs no memory.
-            so_far + run.length if spread else 0.0,
+            whole if spread else 0.0,
         )
 
     def after_following(self, run: CorrectedStretch, model: ErrorModel) -> LinearError:
@@ -79,6 +71,19 @@ class LinearError:
     def after_turn(self, turn_deg: float, model: ErrorModel) -> LinearError:
         """Grow the heading's half-width by a turn; a turn ends the run so far."""
         gained = math.radians(model.turn_spread * abs(turn_deg) / 45)
-        return replace(
-            self, heading_half=min(RIGHT_ANGLE, self.heading_half + gained), run_length=0.0
-        )
+        heading_half = min(RIGHT_ANGLE, self.heading_half + gained)
+        return LinearError(self.rectangle, heading_half, self.run_heading_half, 0.0)
+
+
+def _gained(
+    distance: float, first_half: float, spread: float, model: ErrorModel
+) -> tuple[float, float]:
+    """Return what a run adds to the half-widths along and across it [m].
+
+    first_half : H at its start [rad]; spread: by what H grows [rad/m].
+    """
+    half = min(RIGHT_ANGLE, first_half + spread * distance / 2)
+    return (
+        model.along * distance + distance * (1 - math.cos(half)),
+        model.across * distance + distance * math.sin(half),
+    )

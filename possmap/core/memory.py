@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from possmap.core.evidence import Findings, Layer
-from possmap.core.fusion import LayerArray, Plan, TileLayers, add_to_plan, blank, fuse_tile
+from possmap.core.fusion import LayerArray, TileLayers, blank, fuse_tile
 from possmap.core.lattice import TILE, TileKey, Window, joined, tile_window, tiles_of
+from possmap.core.plan import by_tile, plan_excursion
 from possmap.core.settings import EvidenceSettings
 
 
@@ -31,12 +32,13 @@ class TileMemory:
 
     def fuse(self, found: Findings, known_records: int) -> list[TileKey]:
         """Fuse what an excursion says beyond its known records; return the tiles that changed."""
-        plan: Plan = {}
-        add_to_plan(plan, found, 0, known_records, self._settings)
-        for key, jobs in plan.items():
-            layers = self._tiles.setdefault(key, {})
-            layers.update(fuse_tile(key, jobs, layers, self._settings))
-        return list(plan)
+        changed = []
+        _, works = by_tile([plan_excursion(found, known_records, self._settings)])
+        for work in works:
+            layers = self._tiles.setdefault(work.key, {})
+            layers.update(fuse_tile(work, layers, self._settings))
+            changed.append(work.key)
+        return changed
 
     def areas(self, window: Window) -> Iterator[Window]:
         """Yield the parts of a window that hold anything."""

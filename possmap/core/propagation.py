@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from possmap.core.correction import CorrectedStretch
 from possmap.core.model import ErrorModel
@@ -18,8 +17,7 @@ RIGHT_ANGLE = math.pi / 2
 """No heading's half-width is larger [rad]."""
 
 
-@dataclass(frozen=True, slots=True)
-class ErrorRectangle:
+class ErrorRectangle(NamedTuple):
     """Where the robot may really be: a world-aligned box centred on its corrected place.
 
     half_x, half_y : half-widths [m], both >= 0.
@@ -27,10 +25,6 @@ class ErrorRectangle:
 
     half_x: float
     half_y: float
-
-    def __post_init__(self) -> None:
-        if not (self.half_x >= 0 and self.half_y >= 0):  # phrased so that NaN is refused too
-            raise ValueError(f"half-widths must be >= 0 m, got {self.half_x}, {self.half_y}")
 
     def towards(self, other: ErrorRectangle, share: float) -> ErrorRectangle:
         """Return the rectangle at ``share`` of the way to ``other``, linearly (METHOD §2)."""
@@ -65,8 +59,7 @@ class PoseError(Protocol):
         """Carry it through a turn, which is not 0 [deg]."""
 
 
-@dataclass(frozen=True, slots=True)
-class StretchErrors:
+class StretchErrors(NamedTuple):
     """The errors along one stretch, before the turn that ends it.
 
     start, end : rectangles; between them the rectangle is taken linearly.
@@ -82,12 +75,12 @@ class StretchErrors:
 
 def after_stretch(before: PoseError, stretch: CorrectedStretch, model: ErrorModel) -> StretchErrors:
     """Carry a pose's error along one stretch: first the run, then the turn that ends it."""
-    at_end, turn_deg = before, stretch.logged.turn_deg
-    if stretch.logged.is_followed:
+    logged, at_end = stretch.logged, before
+    if logged.is_followed:
         at_end = before.after_following(stretch, model)
-    elif stretch.logged.is_run:
+    elif logged.is_run:
         at_end = before.after_run(stretch, model)
-    after = at_end.after_turn(turn_deg, model) if turn_deg else at_end
+    after = at_end.after_turn(logged.turn_deg, model) if logged.turn_deg else at_end
     return StretchErrors(before.rectangle, at_end.rectangle, at_end.heading_half, after)
 
 
@@ -98,6 +91,7 @@ def propagate(
     errors: list[StretchErrors] = []
     now = start
     for stretch in track:
-        errors.append(after_stretch(now, stretch, model))
-        now = errors[-1].after
+        found = after_stretch(now, stretch, model)
+        errors.append(found)
+        now = found.after
     return errors

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from possmap.core.evidence import Segment
 from possmap.core.lattice import HAIR
+from possmap.core.model import ErrorModel
 
 FULL = 65535
 """The 16-bit number of certainty."""
@@ -25,6 +26,7 @@ FULL = 65535
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Values = NDArray[np.uint16]
+Weights = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +140,18 @@ def quantised(values: Floats) -> Values:
     """Return values in [0, 1] as 16-bit integers: floor(65535·v + 0.5)."""
     found: Values = np.floor(FULL * values + 0.5).astype(np.uint16)
     return found
+
+
+def most_cells(span: float, model: ErrorModel, resolution: float) -> float:
+    """Return what no record of an excursion can exceed in cells touched, without laying it out.
+
+    Nothing logged is longer than ``span`` [m], the diagonal of the box of all its places; the
+    correction stretches it by ``scale`` at most. A record has at most three segments, and each
+    sweeps the widest pyramid along at most so many cells, twice for good measure.
+    """
+    longest = span * max(1.0, model.scale)
+    wide = 2 * model.max_error / resolution + 3
+    return 3 * (wide * wide + 2 * wide * (2 * longest / resolution + 2))
 
 
 def swept_cells(segment: Segment, resolution: float, max_error: float) -> int:

@@ -1,6 +1,6 @@
-"""The kernel: which stamps fall into which tile, and their maximum in an array (METHOD §2).
+"""Which stamps fall into which tile, and their maximum in an array (METHOD §2).
 
-A stamp at a time over array slices: plain and literal. A faster kernel must give the same integers.
+A stamp at a time over array slices: plain and literal. ``_stamping.c`` gives the same integers.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Piece(NamedTuple):
     last: int
 
 
-def pieces(
+def pieces_of(
     segment: Segment, resolution: float, max_error: float
 ) -> Iterator[tuple[TileKey, Piece]]:
     """Yield each tile that a segment may touch, with the stamps that do; a tile may come twice."""

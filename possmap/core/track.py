@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from possmap.core.angles import wrap_degrees
 from possmap.core.records import Meet, Pose, Record, Sighting, Wall
 
 
-@dataclass(frozen=True, slots=True)
-class Stretch:
+class Stretch(NamedTuple):
     """From one pose to the next, as logged: a run if the place differs, else a standstill.
+
+    What follows from the poses and sightings is worked out once, by ``between``: correction,
+    propagation and layout all ask for it.
 
     Attributes
     ----------
@@ -22,38 +24,48 @@ class Stretch:
         Number of ``end`` among the excursion's records: the stretch is known from there on.
     seen
         Walls, beams and corners between the two, each with its index among the records.
+    is_run
+        Whether the robot moved.
+    distance
+        Logged length [m].
+    unit
+        Direction of the logged displacement, not of the heading (METHOD §1, Correction);
+        (1, 0) at standstill.
+    turn_deg
+        The turn after the run, left positive, wrapped [deg].
+    has_wall
+        Whether any wall was recorded; a run without one is a free run.
+    is_followed
+        Whether the robot ran lined up with a wall; at standstill ``followed`` claims nothing.
     """
 
     start: Pose
     end: Pose
     end_index: int
     seen: tuple[tuple[int, Sighting], ...]
+    is_run: bool
+    distance: float
+    unit: tuple[float, float]
+    turn_deg: float
+    has_wall: bool
+    is_followed: bool
 
-    @property
-    def is_run(self) -> bool:
-        """Whether the robot moved."""
-        return self.start.x != self.end.x or self.start.y != self.end.y
-
-    @property
-    def distance(self) -> float:
-        """Logged length [m]."""
-        return math.hypot(self.end.x - self.start.x, self.end.y - self.start.y)
-
-    @property
-    def turn_deg(self) -> float:
-        """The turn after the run, left positive, wrapped [deg]."""
-        return wrap_degrees(self.end.heading_deg - self.start.heading_deg)
-
-    @property
-    def has_wall(self) -> bool:
-        """Whether any wall was recorded; a run without one is a free run."""
-        return any(isinstance(sighting, Wall) for _, sighting in self.seen)
-
-    @property
-    def is_followed(self) -> bool:
-        """Whether the robot ran lined up with a wall; at standstill ``followed`` claims nothing."""
-        return self.is_run and any(
-            isinstance(sighting, Wall) and sighting.followed for _, sighting in self.seen
+    @classmethod
+    def between(
+        cls, start: Pose, end: Pose, end_index: int, seen: tuple[tuple[int, Sighting], ...]
+    ) -> Stretch:
+        """Return the stretch from one pose to another."""
+        step_x, step_y = end.x - start.x, end.y - start.y
+        is_run = step_x != 0 or step_y != 0
+        distance, unit = 0.0, (1.0, 0.0)
+        if is_run:
+            distance = math.hypot(step_x, step_y)
+            unit = (step_x / distance, step_y / distance)
+        turn_deg = wrap_degrees(end.heading_deg - start.heading_deg)
+        walls = [one for _, one in seen if isinstance(one, Wall)] if seen else []
+        is_followed = is_run and any(wall.followed for wall in walls) if walls else False
+        return cls(
+            start, end, end_index, seen, is_run, distance, unit, turn_deg, bool(walls), is_followed
         )
 
 
@@ -65,7 +77,7 @@ def stretches(records: Sequence[Record]) -> list[Stretch]:
     for index, record in enumerate(records):
         if isinstance(record, Pose):
             if last is not None:
-                found.append(Stretch(last, record, index, tuple(seen)))
+                found.append(Stretch.between(last, record, index, tuple(seen)))
             last, seen = record, []
         elif not isinstance(record, Meet):
             seen.append((index, record))

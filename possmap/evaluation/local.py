@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from possmap.core import kernel
 from possmap.core.evidence import Findings, Layer, Segment
 from possmap.core.lattice import Window
 from possmap.core.pyramid import Values, count_of, relevant
-from possmap.core.stamping import Piece, extent, stamp
+from possmap.core.stamping import Piece, extent
 from possmap.evaluation.raster import Floats
 
 Reach = NDArray[np.uint16]
@@ -59,7 +60,7 @@ def _report(
     if not region.cells:
         return
     values: Values = np.zeros(region.shape, dtype=np.uint16)
-    stamp(values, region, piece, resolution, max_error)
+    kernel.stamp(values, region, piece, resolution, max_error)
     cut = region.slices_in(window)
     rows, columns = np.nonzero((values >= best.value[cut]) & (values > 0))
     up, across = _reach(segment, span, region, rows, columns, resolution)

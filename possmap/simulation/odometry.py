@@ -40,7 +40,7 @@ class Belief:
     def after(self, pose: Pose, seen: tuple[Sighting, ...], model: ErrorModel) -> Belief:
         """Return the belief at the next pose, given what was seen since the last."""
         numbered = tuple(enumerate(seen))
-        stretch = Stretch(self.logged, pose, len(seen), numbered)
+        stretch = Stretch.between(self.logged, pose, len(seen), numbered)
         corrected, laid = advance(self.corrected, stretch, model)
         return Belief(pose, corrected, after_stretch(self.error, laid, model).after)
 

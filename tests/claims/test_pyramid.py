@@ -11,7 +11,7 @@ from possmap.core.evidence import Segment
 from possmap.core.lattice import TileKey, Window
 from possmap.core.propagation import ErrorRectangle
 from possmap.core.pyramid import FULL, Values, swept_cells
-from possmap.core.stamping import Piece, extent, pieces, stamp
+from possmap.core.stamping import Piece, extent, pieces_of, stamp
 
 halves = st.floats(0, 1.2)
 resolutions = st.sampled_from([0.05, 0.1, 0.25])
@@ -19,7 +19,7 @@ resolutions = st.sampled_from([0.05, 0.1, 0.25])
 
 def stamped(segment: Segment, window: Window, resolution: float, max_error: float) -> Values:
     block = np.zeros(window.shape, dtype=np.uint16)
-    for piece in {found for _, found in pieces(segment, resolution, max_error)}:
+    for piece in {found for _, found in pieces_of(segment, resolution, max_error)}:
         stamp(block, window, piece, resolution, max_error)
     return block
 
@@ -79,7 +79,7 @@ def test_tiles_and_extents_hold_every_cell_that_a_segment_touches(
     segment = Segment(0, *places, ErrorRectangle(*half[:2]), ErrorRectangle(*half[2:]))  # type: ignore[arg-type, misc]
     everywhere = Window(-120, 120, -120, 120)
     whole = stamped(segment, everywhere, resolution, 1.0)
-    found = list(pieces(segment, resolution, 1.0))
+    found = list(pieces_of(segment, resolution, 1.0))
     again = np.zeros_like(whole)
     for _, piece in found:
         region = extent(piece, resolution).intersection(everywhere)
@@ -110,6 +110,6 @@ def test_a_rectangle_that_outgrows_the_largest_error_touches_no_tile_more(
     """Error models may be absurd; at 1e40 m the tiles would be too many to look at."""
     rects = [ErrorRectangle(*small), ErrorRectangle(*large)]
     segment = Segment(0, 5.0, 5.0, 5.0, 5.2, *(reversed(rects) if shrinks else rects))
-    assert {key for key, _ in pieces(segment, 0.05, 1.0)} <= {TileKey(0, 0)}
+    assert {key for key, _ in pieces_of(segment, 0.05, 1.0)} <= {TileKey(0, 0)}
     # On the way down from 1e40 m, doubles forget what it goes down to.
     assert shrinks or stamped(segment, Window(0, 200, 0, 200), 0.05, 1.0).any()

@@ -17,7 +17,7 @@ from possmap.core.propagation import ErrorRectangle
 from possmap.core.pyramid import FULL
 from possmap.core.records import PartialMap, Pose
 from possmap.core.settings import EvidenceSettings
-from possmap.core.stamping import Piece, extent, pieces, stamp
+from possmap.core.stamping import Piece, extent, pieces_of, stamp
 from possmap.core.swath import sweep
 
 C = 0.1
@@ -109,7 +109,7 @@ def test_nothing_is_denied_beyond_the_rectangle_and_the_body(segment: Segment) -
 def test_the_tiles_of_a_swath_hold_all_of_it_and_pieces_do_not_matter(segment: Segment) -> None:
     whole = swept(segment)
     laid = np.zeros(WINDOW.shape, dtype=np.uint16)
-    for key, piece in pieces(segment, C, 1.0):
+    for key, piece in pieces_of(segment, C, 1.0):
         part = tile_window(key).intersection(WINDOW)
         if part.cells:
             block = laid[part.slices_in(WINDOW)]
@@ -141,7 +141,7 @@ def test_from_max_error_on_nothing_is_said() -> None:
 
 def test_a_long_diagonal_costs_what_it_touches() -> None:
     far = path((-1e4, -1e4, 1e4, 1e4), (0.1, 0.1, 0.1, 0.1))
-    keys = [key for key, _ in pieces(far, C, 1.0)]
+    keys = [key for key, _ in pieces_of(far, C, 1.0)]
     assert len(set(keys)) < 4 * 2 * 1e4 / C / 256
     at_home = Piece(far, 99_990, 100_010)
     assert extent(at_home, C).cells < 60**2

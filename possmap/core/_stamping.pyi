@@ -1,0 +1,29 @@
+from typing import Any, TypeAlias
+
+from numpy.typing import NDArray
+
+Buffer: TypeAlias = NDArray[Any]
+
+def raise_(
+    block: Buffer,
+    row0: int,
+    column0: int,
+    rows: int,
+    columns: int,
+    segments: Buffer,
+    pieces: Buffer,
+    resolution: float,
+) -> None: ...
+def reinforce(
+    weights: Buffer,
+    row0: int,
+    column0: int,
+    rows: int,
+    columns: int,
+    segments: Buffer,
+    pieces: Buffer,
+    resolution: float,
+    table: Buffer,
+) -> None: ...
+def spans(segments: Buffer, resolution: float) -> bytes: ...
+def touch(segments: Buffer, resolution: float) -> bytes: ...

@@ -1,0 +1,120 @@
+"""The kernel: what is computed cell by cell (METHOD §2), compiled where a compiler was at hand.
+
+``_stamping.c`` is built with the package if it can be; else ``plain_kernel`` serves. Both give the
+same integers. POSSMAP_KERNEL=numpy in the environment chooses the plain one.
+
+Segments are rows of ``segment_table``. Pieces are rows of 64-bit integers:
+
+segment, first, last : a segment's number, and the stamps k = first..last of it.
+group : pieces of one group stand one after the other: inside it the maximum counts (METHOD §3).
+known : 1 if the weights already hold the piece; else 0.
+clip : not the kernel's business.
+"""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+
+from possmap.core import plain_kernel, stamping
+from possmap.core.lattice import Window
+from possmap.core.pyramid import Floats, Ints, Values, Weights
+from possmap.core.segment_table import table_of
+from possmap.core.stamping import Piece
+
+try:
+    if os.environ.get("POSSMAP_KERNEL") == "numpy":
+        raise ImportError
+    from possmap.core import _stamping as compiled
+except ImportError:
+    COMPILED = False
+else:
+    COMPILED = True
+
+
+def description() -> str:
+    """Return which kernel runs, for ``possmap --version -v``."""
+    return "compiled (C, 16-bit integers)" if COMPILED else "plain (NumPy, 16-bit integers)"
+
+
+def spans(segments: Floats, resolution: float) -> Ints:
+    """Return first and last stamp of each segment that have a height; shape (segments, 2).
+
+    Last is below first where none has.
+    """
+    if not COMPILED:
+        return plain_kernel.spans(segments, resolution)
+    return np.frombuffer(compiled.spans(segments, resolution), dtype=np.int64).reshape(-1, 2)
+
+
+def touch(segments: Floats, resolution: float) -> Ints:
+    """Return the tiles that segments may touch, and the stamps that do.
+
+    Returns
+    -------
+    Ints
+        Rows of segment, tile's row and column, first and last stamp. A tile may come twice.
+    """
+    if not COMPILED:
+        return plain_kernel.touch(segments, resolution)
+    return np.frombuffer(compiled.touch(segments, resolution), dtype=np.int64).reshape(-1, 5)
+
+
+def raise_block(
+    block: Values, window: Window, segments: Floats, pieces: Ints, resolution: float
+) -> None:
+    """Raise a block to the maximum of itself and the stamps of pieces, in place.
+
+    Parameters
+    ----------
+    block
+        16-bit values of the cells of ``window``, shape (rows, columns).
+    segments
+        None of them with a swath.
+    pieces
+        Their groups do not matter.
+    """
+    if COMPILED and block.flags.c_contiguous:
+        if block.size:
+            compiled.raise_(
+                block, window.row0, window.column0, *window.shape, segments, pieces, resolution
+            )
+    else:
+        plain_kernel.raise_block(block, window, segments, pieces, resolution)
+
+
+def reinforce(
+    weights: Weights,
+    window: Window,
+    segments: Floats,
+    pieces: Ints,
+    resolution: float,
+    table: Weights,
+) -> None:
+    """Add the weight of each group's maximum, or by how much it grows, in place (METHOD §3).
+
+    Parameters
+    ----------
+    weights
+        Of the cells of ``window``, shape (rows, columns).
+    segments
+        None of them with a swath.
+    table
+        The weight of each 16-bit value, shape (65536,).
+    """
+    if COMPILED and weights.flags.c_contiguous:
+        compiled.reinforce(
+            weights, window.row0, window.column0, *window.shape, segments, pieces, resolution, table
+        )
+    else:
+        plain_kernel.reinforce(weights, window, segments, pieces, resolution, table)
+
+
+def stamp(block: Values, window: Window, piece: Piece, resolution: float, max_error: float) -> None:
+    """Raise a block to the maximum of itself and one piece: ``stamping.stamp``, faster."""
+    if not COMPILED or piece.segment.swath is not None:
+        stamping.stamp(block, window, piece, resolution, max_error)
+        return
+    row = np.array([[0, piece.first, piece.last, 0, 0, -1]], dtype=np.int64)
+    raise_block(block, window, table_of([piece.segment], max_error), row, resolution)

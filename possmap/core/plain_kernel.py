@@ -1,0 +1,70 @@
+"""The kernel in NumPy, plain: serves where no compiled one was built, and is its proof.
+
+The functions are those of ``kernel``, which says what they do.
+"""
+
+from __future__ import annotations
+
+from itertools import groupby
+
+import numpy as np
+
+from possmap.core.lattice import Window
+from possmap.core.pyramid import Floats, Ints, Values, Weights, relevant
+from possmap.core.segment_table import COLUMNS, segment_of
+from possmap.core.stamping import Piece, extent, pieces_of, stamp
+
+_MAX_ERROR = COLUMNS.index("max_error")
+
+
+def spans(segments: Floats, resolution: float) -> Ints:  # noqa: D103
+    found = [
+        relevant(segment_of(row), resolution, float(row[_MAX_ERROR])) or (0, -1) for row in segments
+    ]
+    return np.array(found, dtype=np.int64).reshape(-1, 2)
+
+
+def touch(segments: Floats, resolution: float) -> Ints:  # noqa: D103
+    found = [
+        (number, *key, piece.first, piece.last)
+        for number, row in enumerate(segments)
+        for key, piece in pieces_of(segment_of(row), resolution, float(row[_MAX_ERROR]))
+    ]
+    return np.array(found, dtype=np.int64).reshape(-1, 5)
+
+
+def raise_block(  # noqa: D103
+    block: Values, window: Window, segments: Floats, pieces: Ints, resolution: float
+) -> None:
+    for number, first, last, *_ in pieces.tolist():
+        row = segments[number]
+        piece = Piece(segment_of(row), first, last)
+        stamp(block, window, piece, resolution, float(row[_MAX_ERROR]))
+
+
+def reinforce(  # noqa: D103
+    weights: Weights,
+    window: Window,
+    segments: Floats,
+    pieces: Ints,
+    resolution: float,
+    table: Weights,
+) -> None:
+    for _, group in groupby(pieces.tolist(), key=lambda piece: piece[3]):
+        some = np.array(list(group), dtype=np.int64)
+        region = _extent(segments, some, window, resolution)
+        values: Values = np.zeros(region.shape, dtype=np.uint16)
+        known = some[:, 4] != 0
+        raise_block(values, region, segments, some[known], resolution)
+        before = table[values]
+        raise_block(values, region, segments, some[~known], resolution)
+        weights[region.slices_in(window)] += table[values] - before
+
+
+def _extent(segments: Floats, pieces: Ints, window: Window, resolution: float) -> Window:
+    """Return a window of all cells of ``window`` that pieces may touch."""
+    whole: Window | None = None
+    for number, first, last, *_ in pieces.tolist():
+        one = extent(Piece(segment_of(segments[number]), first, last), resolution)
+        whole = one if whole is None else whole.union(one)
+    return (whole or Window(0, 0, 0, 0)).intersection(window)
