@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 from collections.abc import Iterable
 
@@ -46,8 +45,12 @@ class GridError(PossmapError):
     """A grid file that is not one, is damaged, newer than this program, or in use."""
 
 
+class BudgetError(PossmapError):
+    """Something that does not fit into the memory allowed (``--memory``)."""
+
+
 class WorkerError(PossmapError):
-    """A process of ``--jobs`` that ended before its work did."""
+    """A process of ``--jobs``, or a worker of ``--dask``, that ended before its work did."""
 
 
 class MissingExtra(PossmapError):
@@ -71,6 +74,8 @@ class OutputError(PossmapError):
 
 def shown(value: object, limit: int = 60) -> str:
     """Return ``value`` as a message may quote it: ASCII, one line, no terminal codes, short."""
+    if isinstance(value, str):
+        value = value[: limit + 1]  # a hostile one may be long
     try:
         text = json.dumps(value)
     except (TypeError, ValueError, RecursionError):
@@ -85,8 +90,10 @@ def printable(text: str) -> str:
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """Return ``, did you mean "…"?`` for the closest of ``known``, or an empty string."""
+    import difflib  # nobody needs it who makes no mistake
+
     close = difflib.get_close_matches(word[:_LONGEST_WORD], list(known), n=1)
-    return f', did you mean "{close[0]}"?' if close else ""
+    return f", did you mean {shown(close[0], _LONGEST_WORD)}?" if close else ""
 
 
 def plural(count: int, word: str) -> str:

@@ -5,25 +5,29 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-from possmap.app import inputs
+from possmap.app import crew, inputs
+from possmap.app.crew import Crew
 from possmap.app.judge import Judge
 from possmap.app.progress import Progress, quiet
 from possmap.app.settings import Request, in_force
-from possmap.app.workers import Stamper, stamper
-from possmap.core.fusion import Plan, add_to_plan
-from possmap.errors import GridError, LogError, printable
+from possmap.app.stages import Read, ReadTask
+from possmap.errors import LogError, WorkerError, printable
+from possmap.files.budget import Budget
 from possmap.files.gridfile.database import check_file
 from possmap.files.gridfile.grid import Grid
-from possmap.files.logs.delivery import LogFile
 from possmap.files.settings import Settings
 from possmap.release import version
 
 log = logging.getLogger(__name__)
+
+DEFAULT_MIB = 4096
+"""Enough for the largest log that the limits let in."""
 
 Status: TypeAlias = Literal["fused", "known", "refused"]
 
@@ -70,15 +74,6 @@ class FuseSummary:
         return sum(log.status == status for log in self.logs)
 
 
-@dataclass(frozen=True, slots=True)
-class _Read:
-    """A log file as read, or why it could not be."""
-
-    path: str
-    log: LogFile | None
-    error: str | None = None
-
-
 def fuse(
     logs: Sequence[str],
     grid: Path,
@@ -88,6 +83,8 @@ def fuse(
     dry_run: bool = False,
     allow_truncated: bool = False,
     jobs: int = 1,
+    dask: str | None = None,
+    budget: Budget | None = None,
     progress: Progress = quiet,
 ) -> FuseSummary:
     """Fuse logs into a grid file, creating it if need be.
@@ -95,7 +92,8 @@ def fuse(
     Parameters
     ----------
     logs
-        Files, folders, ``-`` for JSON Lines on stdin, or other grids, whose ledgers are fused.
+        Files, folders, URLs, ``-`` for JSON Lines on stdin, or other grids, whose ledgers are
+        fused.
     grid
         The grid file.
     request
@@ -107,7 +105,11 @@ def fuse(
     allow_truncated
         Use JSON Lines whose last line was cut short, without that line.
     jobs
-        Processes that stamp tiles.
+        Processes that read, lay out and stamp.
+    dask
+        The cluster that does so instead: ``tcp://host:port``, or ``local`` or ``local:N``.
+    budget
+        Memory that this process, and each of ``jobs``, may take.
 
     Raises
     ------
@@ -115,8 +117,16 @@ def fuse(
         If a given setting is wrong, or differs from the grid's.
     GridError
         If the grid cannot be used. Whole logs fused before that stay.
+    BudgetError
+        If ``strict`` would hold more than fits.
+    WorkerError
+        If processes or the cluster fail, or memory does not suffice. Whole logs fused before that
+        stay.
+    MissingExtra
+        For a cluster or a URL, if the extra ``cluster`` is not installed.
     """
     start = time.perf_counter()
+    budget = budget or Budget(DEFAULT_MIB)
     given = (request or Request()).given()
     stored = None
     if _holds_anything(grid):
@@ -125,16 +135,18 @@ def fuse(
             stored = None if known.is_new else known.stored_settings()
     settings = in_force(given, stored, grid)
     names = progress(list(inputs.expand(logs)), "log")
-    reading = (_read(name, settings, allow_truncated) for name in names)
-    if dry_run:
-        outcomes = _rehearse(reading, grid, settings, strict)
-    else:
-        outcomes = []
-        # With --strict all is one transaction, so that the last log can still undo the first.
-        most = None if strict else settings.limits.transaction_records
-        with stamper(jobs) as stamp:
-            for batch in _batches(reading, most):
-                outcomes += _commit(batch, grid, settings, strict, stamp, progress)
+    outcomes: list[Outcome] = []
+    with _enough_memory(), _crew(jobs, dask) as hands:
+        foresee = settings if hands.foresees and not dry_run else None
+        how = ReadTask((), settings.limits, allow_truncated, budget, foresee)
+        reading = hands.read(names, how)
+        if dry_run:
+            outcomes += _rehearse(reading, grid, settings, strict)
+        else:
+            # With --strict all is one transaction, so that the last log can still undo the first.
+            most = min(settings.limits.transaction_records, budget.batch_records)
+            for batch in _batches(reading, None if strict else most, budget):
+                outcomes += _commit(batch, grid, settings, strict, hands, budget, progress)
     return FuseSummary(grid, tuple(outcomes), time.perf_counter() - start)
 
 
@@ -142,22 +154,36 @@ def _holds_anything(grid: Path) -> bool:
     return check_file(grid, write=True)
 
 
-def _read(name: str, settings: Settings, allow_truncated: bool) -> _Read:
+def _crew(jobs: int, dask: str | None) -> AbstractContextManager[Crew]:
+    if dask is None:
+        return crew.local(jobs)
+    from possmap.app.cluster import cluster  # needs what few have
+
+    return cluster(dask)
+
+
+@contextmanager
+def _enough_memory() -> Iterator[None]:
     try:
-        return _Read(name, inputs.read(name, settings.limits, allow_truncated))
-    except (LogError, GridError) as error:
-        return _Read(name, None, str(error))
+        yield
+    except MemoryError as error:
+        raise WorkerError(
+            "there is not enough memory; the grid holds whole logs only, and the same command "
+            "completes the job where there is more"
+        ) from error
 
 
-def _batches(reading: Iterable[_Read], most: int | None) -> Iterator[list[_Read]]:
+def _batches(reading: Iterable[Read], most: int | None, budget: Budget) -> Iterator[list[Read]]:
     """Gather files until they hold ``most`` records: what is in memory, and in one transaction."""
-    batch: list[_Read] = []
+    batch: list[Read] = []
     records = 0
     for one in reading:
         batch.append(one)
         if one.log is not None:
-            records += sum(len(delivery.version.records) for delivery in one.log.deliveries)
-        if most is not None and records >= most:
+            records += sum(delivery.parcel.count for delivery in one.log.deliveries)
+        if most is None:
+            budget.check_together(records)
+        elif records >= most:
             yield batch
             batch, records = [], 0
     if batch:
@@ -165,43 +191,46 @@ def _batches(reading: Iterable[_Read], most: int | None) -> Iterator[list[_Read]
 
 
 def _rehearse(
-    reading: Iterable[_Read], path: Path, settings: Settings, strict: bool
+    reading: Iterable[Read], path: Path, settings: Settings, strict: bool
 ) -> list[Outcome]:
     """Judge everything and write nothing."""
     if not _holds_anything(path):
-        return _judge(Judge(settings), reading, strict)
+        return _judge(Judge(settings, None, path, strict), reading, strict)
     with Grid(path, write=True) as grid:
         ledger = None if grid.is_new else grid.ledger
-        return _judge(Judge(settings, ledger), reading, strict)
+        return _judge(Judge(settings, ledger, path, strict), reading, strict)
 
 
 def _commit(
-    batch: list[_Read],
+    batch: list[Read],
     path: Path,
     settings: Settings,
     strict: bool,
-    stamp: Stamper,
+    hands: Crew,
+    budget: Budget,
     progress: Progress,
 ) -> list[Outcome]:
     """Judge a batch and write what is new in it, in one transaction."""
-    judge = Judge(settings)
+    judge = Judge(settings, None, path, strict)
+    outcomes: list[Outcome] | None = None
     if not _holds_anything(path):
         outcomes = _judge(judge, batch, strict)
         if not judge.accepted:
             return outcomes  # no grid is made for nothing
-    with Grid(path, write=True) as grid, grid.transaction():
+    with Grid(path, write=True, budget=budget) as grid, grid.transaction():
         if not grid.is_new:
             # Inside the transaction, so that nobody else can add an excursion in between.
-            judge = Judge(settings, grid.ledger)
+            judge, outcomes = Judge(settings, grid.ledger, path, strict), None
+        if outcomes is None:  # or what there was turned out to be the rest of a killed first run
             outcomes = _judge(judge, batch, strict)
         if any(outcome.status != "refused" for outcome in outcomes):
             grid.prepare(settings.evidence, settings.robots)
-        if judge.accepted:
-            _write(grid, judge, stamp, progress)
+        if judge.arrived:
+            _write(grid, judge, hands, progress)
     return outcomes
 
 
-def _judge(judge: Judge, batch: Iterable[_Read], strict: bool) -> list[Outcome]:
+def _judge(judge: Judge, batch: Iterable[Read], strict: bool) -> list[Outcome]:
     """Judge logs in the order given; with ``strict`` the first refused one undoes the others."""
     outcomes: list[Outcome] = []
     batch = iter(batch)
@@ -220,41 +249,36 @@ def _judge(judge: Judge, batch: Iterable[_Read], strict: bool) -> list[Outcome]:
     return outcomes
 
 
-def _outcome(judge: Judge, one: _Read) -> Outcome:
+def _outcome(judge: Judge, one: Read) -> Outcome:
     if one.log is None:
         return Outcome(one.path, "refused", error=one.error)
     try:
-        verdict = judge.take(one.log)
+        verdict = judge.take(one.log, one.foreseen)
     except LogError as error:
         return Outcome(one.path, "refused", error=str(error))
     cut = one.log.cut_short
+    notes = [f"{cut}: the last line is cut short and was left out"] if cut else []
+    notes += [verdict.note] if verdict.note else []
     return Outcome(
         one.path,
         "fused" if verdict.is_new else "known",
         verdict.records_new,
         verdict.records_known,
-        note=f"{cut}: the last line is cut short and was left out" if cut else None,
+        note="; ".join(notes) or None,
     )
 
 
-def _write(grid: Grid, judge: Judge, stamp: Stamper, progress: Progress) -> None:
-    """Stamp what is new, a tile at a time, and write it down in the ledger."""
-    settings = judge.settings.evidence
-    plan: Plan = {}
-    touched = {
-        name: add_to_plan(plan, judge.laid_out[name], number, known.in_grid, settings)
-        for number, (name, known) in enumerate(judge.accepted.items())
-    }
-    tasks = (
-        (key, plan.pop(key), grid.tiles.read(key), settings)
-        for key in progress(sorted(plan), "tile")
-    )
-    tiles = len(plan)
-    for key, changed in stamp(tasks):
-        grid.tiles.write(key, changed)
-    log.info("%d excursions stamped into %d tiles", len(judge.accepted), tiles)
-    for name, known in judge.accepted.items():
-        geometry = judge.laid_out[name].geometry
-        grid.ledger.add(known.version, known.model, known.in_grid, geometry, touched[name])
+def _write(grid: Grid, judge: Judge, hands: Crew, progress: Progress) -> None:
+    """Write what is new down in the ledger, and stamp it, a tile at a time."""
+    grid.upgrade()
+    accepted = list(judge.accepted.values())
+    if accepted:  # else all that came was known, and only who brought it is new
+        batch = hands.batch(accepted, judge.settings.evidence, grid.tiles)
+        for rows in batch.rows():
+            grid.ledger.add(rows)
+        count, tiles = batch.tiles()
+        for key, layers in progress(tiles, "tile", count):
+            grid.tiles.put(key, layers)
+        log.info("%d excursions stamped into %d tiles", len(accepted), count)
     now = datetime.now(UTC).isoformat(timespec="seconds")
-    grid.ledger.add_arrivals(judge.arrived, now, version())
+    grid.ledger.came.add(judge.arrived, now, version())

@@ -1,4 +1,4 @@
-"""From what the user names on the command line to log files: folders, files, stdin, grids."""
+"""From what the user names on the command line to log files: folders, files, URLs, grids."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from possmap.app import urls
 from possmap.errors import LogError
 from possmap.files.gridfile.grid import Grid
 from possmap.files.limits import Limits
@@ -15,6 +16,7 @@ from possmap.files.logs import (
     Delivery,
     LogFile,
     Origin,
+    Parcel,
     encoding_of,
     read_log,
     read_stdin,
@@ -28,8 +30,16 @@ def expand(inputs: Iterable[str]) -> Iterator[str]:
     """Yield the files that the inputs stand for, a folder's by name.
 
     A folder without a log yields itself, so that reading it says what is wrong.
+
+    Raises
+    ------
+    MissingExtra
+        For a URL, if what reads URLs is not installed.
     """
     for name in inputs:
+        if urls.is_url(name):
+            yield from urls.expand(name)
+            continue
         logs = [] if name == STDIN else _logs_in(Path(name))
         yield from logs or [name]
 
@@ -45,6 +55,22 @@ def _logs_in(path: Path) -> list[str]:
     return [str(path / log) for log in sorted(logs)]
 
 
+def is_grid(name: str) -> bool:
+    """Whether a name is that of a grid, whose ledger is read."""
+    is_file = name != STDIN and not urls.is_url(name)
+    return is_file and Path(name).suffix.lower() == GRID_SUFFIX
+
+
+def size_of(name: str) -> int:
+    """Return the size of a file [bytes]; 0 if it has none to tell, a guess for a URL."""
+    if urls.is_url(name):
+        return urls.TYPICAL_SIZE  # to ask takes as long as to read it
+    try:
+        return 0 if name == STDIN else Path(name).stat().st_size
+    except OSError:
+        return 0  # reading it says why
+
+
 def read(name: str, limits: Limits, allow_truncated: bool) -> LogFile:
     """Read one log, or the ledger of a grid as one.
 
@@ -57,6 +83,8 @@ def read(name: str, limits: Limits, allow_truncated: bool) -> LogFile:
     """
     if name == STDIN:
         return read_stdin(sys.stdin.buffer, limits, allow_truncated)
+    if urls.is_url(name):
+        return urls.read(name, limits, allow_truncated)
     path = Path(name)
     try:
         is_folder = path.is_dir()
@@ -66,21 +94,20 @@ def read(name: str, limits: Limits, allow_truncated: bool) -> LogFile:
         raise LogError(name, f"cannot be read: {error.strerror or error}") from error
     if is_folder:
         raise LogError(name, f"the folder holds no logs, expected files of {', '.join(SUFFIXES)}")
-    if path.suffix.lower() == GRID_SUFFIX:
+    if is_grid(name):
         return _ledger_of(path)
     return read_log(path, limits, allow_truncated)
 
 
 def _ledger_of(path: Path) -> LogFile:
-    """Read all excursions of a grid, each part with the file that once brought it."""
+    """Read all excursions of a grid, each version with the file that once held it."""
     deliveries: list[Delivery] = []
     with Grid(path) as grid, grid.snapshot():
         origin = Origin(str(path), hashlib.sha256(grid.digest().encode()).hexdigest(), 0)
         versions = {entry.name: grid.ledger.version(entry) for entry in grid.ledger.entries()}
-        for arrival in grid.ledger.arrivals():
-            part = arrival.part
-            whole = versions[arrival.robot, arrival.excursion]
-            known = whole.prefix(part.first + part.count)
-            place = f"{path}: {arrival.robot} {arrival.excursion}"
-            deliveries.append(Delivery(known, place, part.origin, part.carrier))
-    return LogFile(origin, tuple(deliveries))
+        for event in grid.ledger.came.events():
+            robot, excursion = event.name
+            what, known = event.what, versions[event.name].prefix(event.what.end)
+            place = f"{path}: {robot} {excursion}"
+            deliveries.append(Delivery(Parcel(known), place, what.origin, what.carrier))
+    return LogFile(origin, tuple(deliveries), is_ledger=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Protocol, TypeVar
 
 T = TypeVar("T")
@@ -11,10 +11,13 @@ T = TypeVar("T")
 class Progress(Protocol):
     """Wraps what a job goes through, to show how far it is."""
 
-    def __call__(self, items: Sequence[T], unit: str) -> Iterable[T]:
-        """Return the items, one by one; ``unit`` says what they are."""
+    def __call__(self, items: Iterable[T], unit: str, total: int | None = None) -> Iterable[T]:
+        """Return the items, one by one.
+
+        unit : says what they are; total : how many, where they do not know it themselves.
+        """
 
 
-def quiet(items: Sequence[T], unit: str) -> Iterable[T]:
+def quiet(items: Iterable[T], unit: str, total: int | None = None) -> Iterable[T]:
     """Show nothing."""
     return items

@@ -3,16 +3,42 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from possmap.cli import options
 
+if TYPE_CHECKING:
+    from possmap.files.budget import Budget
+
+
+class _Log(click.Path):
+    """A log, a folder of logs, ``-`` or a grid, which exist; or a URL, of which nobody knows."""
+
+    name = "log"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        return value if "://" in value else super().convert(value, param, ctx)
+
+
+def _dask(ctx: click.Context, param: click.Parameter, address: str | None) -> str | None:
+    known = r"local(:[1-9]\d{0,3})?|(tcp|tls)://.+:\d+"
+    if address is not None and not re.fullmatch(known, address):
+        raise click.BadParameter(f"found {address!r}, expected tcp://HOST:PORT, local or local:N")
+    return address
+
 
 @click.command(epilog="Example: possmap fuse data/json -g site.possmap")
-@options.logs
+@click.argument(
+    "logs",
+    nargs=-1,
+    required=True,
+    type=_Log(exists=True, allow_dash=True),
+    metavar="LOG...",
+)
 @click.option(
     "-g",
     "--grid",
@@ -27,8 +53,16 @@ from possmap.cli import options
     type=click.IntRange(min=1),
     default=1,
     show_default=True,
-    help="Processes that stamp tiles; worth it for many logs.",
+    help="Processes that do the work; worth it for a hundred logs or more.",
 )
+@click.option(
+    "--dask",
+    metavar="CLUSTER",
+    callback=_dask,
+    help="Let a cluster of dask do that: the scheduler's tcp://HOST:PORT, or local or local:N to "
+    "start N workers here; needs the extra cluster (docs/cluster.md).",
+)
+@options.memory_of(4096, ", and each process of --jobs,")
 @click.option("--strict", is_flag=True, help="The first refused log ends the run, nothing is kept.")
 @click.option("--dry-run", is_flag=True, help="Read and judge the logs, write nothing.")
 @options.allow_truncated
@@ -40,6 +74,8 @@ def fuse(
     logs: tuple[str, ...],
     grid: Path,
     jobs: int,
+    dask: str | None,
+    budget: Budget,
     strict: bool,
     dry_run: bool,
     allow_truncated: bool,
@@ -50,8 +86,9 @@ def fuse(
 
     A LOG is a file (.json, .jsonl, .ndjson, .csv, each also .gz), a folder of such files, - for
     JSON Lines on stdin, or another grid, whose ledger is fused anew under the settings of this
-    one. Each record counts once, however often and by whomever it is delivered. A refused log
-    changes nothing; the others are fused, and the exit status is 1.
+    one; with the extra cluster also a URL, such as s3://BUCKET/LOG.json. Each record counts once,
+    however often and by whomever it is delivered. A refused log changes nothing; the others are
+    fused, and the exit status is 1.
 
     The settings of the first fuse belong to the grid; later calls need none.
     """
@@ -59,6 +96,8 @@ def fuse(
     from possmap.cli.progress import bar
     from possmap.errors import plural, printable
 
+    if dask is not None and jobs > 1:
+        raise click.UsageError("--dask and --jobs exclude each other")
     try:
         summary = fuse_logs(
             logs,
@@ -68,6 +107,8 @@ def fuse(
             dry_run=dry_run,
             allow_truncated=allow_truncated,
             jobs=jobs,
+            dask=dask,
+            budget=budget,
             progress=bar,
         )
     except KeyboardInterrupt:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from possmap.core.model import PARAMETERS, ErrorModel
+from possmap.core.records import OwnModel
 from possmap.core.settings import NO_ROBOTS, EvidenceSettings, RobotModels
 from possmap.files.limits import Limits
 from possmap.files.setting_table import OF_A_CALL, ROBOT, SHAPING, Value
@@ -27,6 +28,10 @@ class Settings:
     robots: RobotModels = field(default_factory=lambda: NO_ROBOTS)
     limits: Limits = field(default_factory=Limits)
     base_rate: float = 0.5
+
+    def model_in_force(self, robot: str, own: OwnModel) -> ErrorModel:
+        """Return the model under which an excursion not yet known is fused."""
+        return self.evidence.model_in_force(own, self.robots.get(robot, {}))
 
 
 def assemble(given: Mapping[str, Value]) -> Settings:

@@ -7,16 +7,28 @@ from typing import BinaryIO
 
 from possmap.errors import LogError
 from possmap.files.limits import Limits
-from possmap.files.logs.csv_log import read_csv
 from possmap.files.logs.delivery import Delivery, LogFile, Origin
 from possmap.files.logs.json_lines import read_json_lines
 from possmap.files.logs.json_log import read_json
-from possmap.files.logs.text import read_stream, read_text
+from possmap.files.logs.parcel import Parcel
+from possmap.files.logs.text import LogText, read_stream, read_text
 
-__all__ = ["SUFFIXES", "Delivery", "LogFile", "Origin", "encoding_of", "read_log", "read_stdin"]
+__all__ = [
+    "SUFFIXES",
+    "Delivery",
+    "LogFile",
+    "Origin",
+    "Parcel",
+    "encoding_of",
+    "read_log",
+    "read_open",
+    "read_stdin",
+]
 
 SUFFIXES = (".json", ".jsonl", ".ndjson", ".csv")
 """What a log's name ends with, perhaps with ``.gz`` behind it."""
+
+UNKNOWN_SUFFIX = f"unknown suffix, expected one of {', '.join(SUFFIXES)}, perhaps with .gz"
 
 
 def encoding_of(path: Path) -> str | None:
@@ -39,12 +51,41 @@ def read_log(path: Path, limits: Limits, allow_truncated: bool = False) -> LogFi
     if encoding is None and not path.exists():
         raise LogError(str(path), "no such file")
     if encoding is None:
-        expected = ", ".join(SUFFIXES)
-        raise LogError(str(path), f"unknown suffix, expected one of {expected}, perhaps with .gz")
-    source = read_text(path, limits)
+        raise LogError(str(path), UNKNOWN_SUFFIX)
+    return _parsed(read_text(path, limits), encoding, limits, allow_truncated)
+
+
+def read_open(
+    name: str, path: str, stream: BinaryIO, limits: Limits, allow_truncated: bool = False
+) -> LogFile:
+    """Read one log, whole, from an open stream.
+
+    Parameters
+    ----------
+    name
+        For messages and the ledger.
+    path
+        Its suffixes tell the encoding.
+
+    Raises
+    ------
+    LogError
+        As ``read_log``.
+    """
+    encoding = encoding_of(Path(path))
+    if encoding is None:
+        raise LogError(name, UNKNOWN_SUFFIX)
+    compressed = path.lower().endswith(".gz")
+    source = read_stream(name, stream, limits, compressed=compressed)
+    return _parsed(source, encoding, limits, allow_truncated)
+
+
+def _parsed(source: LogText, encoding: str, limits: Limits, allow_truncated: bool) -> LogFile:
     if encoding == ".json":
         return read_json(source, limits)
     if encoding == ".csv":
+        from possmap.files.logs.csv_log import read_csv  # the one that few need
+
         return read_csv(source, limits)
     return read_json_lines(source, limits, allow_truncated)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from possmap.core.records import Meet, OwnModel, PartialMap, Pose, Record
@@ -23,12 +24,14 @@ class Header:
     version: int | None
     extra: str
 
-    def with_extra(self, more: str) -> Header:
-        """Return the header with more ``x_`` keys; the later value of a key stays."""
+    def with_extras(self, more: Sequence[str]) -> Header:
+        """Return the header with the ``x_`` keys of others; the later value of a key stays."""
         if not more:
             return self
-        both = json.loads(self.extra or "{}") | json.loads(more)
-        return replace(self, extra=json.dumps(both, separators=(",", ":")))
+        every = json.loads(self.extra or "{}")
+        for text in more:
+            every |= json.loads(text)
+        return replace(self, extra=json.dumps(every, separators=(",", ":")))
 
 
 def header_of(value: object, nesting: int, needs_version: bool) -> Header:
@@ -96,21 +99,23 @@ class ExcursionBuilder:
         Fault
             For a falling seq or time, or a sighting before the first pose.
         """
-        if not self.records:
-            if record.seq != 0:
-                raise Fault(("seq",), f"found {record.seq}, expected 0, the first record's seq")
-        elif record.seq <= self.records[-1].seq:
-            last = self.records[-1].seq
-            raise Fault(("seq",), f"found {record.seq}, expected more than {last}, the one before")
-        if isinstance(record, Pose):
-            self._has_pose = True
-        elif not self._has_pose and not isinstance(record, Meet):
-            raise Fault(("kind",), "expected a pose before the first wall, corner or beam")
-        if record.t is not None:
-            if self._last_t is not None and record.t < self._last_t:
-                raise Fault(("t",), f"found {record.t}, expected {self._last_t} or later")
-            self._last_t = record.t
-        self.records.append(record)
+        records, seq, t = self.records, record.seq, record.t
+        if not records:
+            if seq != 0:
+                raise Fault(("seq",), f"found {seq}, expected 0, the first record's seq")
+        elif seq <= records[-1].seq:
+            last = records[-1].seq
+            raise Fault(("seq",), f"found {seq}, expected more than {last}, the one before")
+        if not self._has_pose:
+            if isinstance(record, Pose):
+                self._has_pose = True
+            elif not isinstance(record, Meet):
+                raise Fault(("kind",), "expected a pose before the first wall, corner or beam")
+        if t is not None:
+            if self._last_t is not None and t < self._last_t:
+                raise Fault(("t",), f"found {t}, expected {self._last_t} or later")
+            self._last_t = t
+        records.append(record)
 
     def build(self, header: Header) -> PartialMap:
         """Return the excursion so far, under its header's name."""

@@ -5,13 +5,15 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator
 
 from possmap.errors import LogError, did_you_mean, shown
 from possmap.files.limits import Limits
 from possmap.files.logs.builder import ExcursionBuilder, Header
 from possmap.files.logs.delivery import Delivery, LogFile, Origin, refusal
-from possmap.files.logs.fields import RULES, Fault, name_of, record_of
+from possmap.files.logs.fields import RULES, Fault, name_of, record_of, too_many
+from possmap.files.logs.parcel import Parcel
 from possmap.files.logs.text import LogText
 
 COLUMNS = (
@@ -24,7 +26,7 @@ _WHOLE = frozenset({"seq", "upto"})
 _FLAGS = {"true": True, "false": False}
 _WORDS = frozenset({"kind", "corner", "peer", "peer_excursion"})
 _WHOLE_NUMBER = re.compile(r"-?[0-9]{1,20}")
-_NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
+_OF_NUMBERS = "0123456789.+-eE"
 
 assert set(COLUMNS) == {"robot", "excursion", "kind"} | {r.name for k in RULES.values() for r in k}
 
@@ -46,21 +48,30 @@ def read_csv(source: LogText, limits: Limits) -> LogFile:
         rows = _rows(source)
         line, header = next(rows, (1, []))
         _check_header(header)
+        robot_at, excursion_at = header.index("robot"), header.index("excursion")
+        columns = [
+            (at, name, _decoder(name))
+            for at, name in enumerate(header)
+            if at not in (robot_at, excursion_at)
+        ]
         for line, row in rows:
             if len(row) != len(header):
                 raise Fault((), f"found {len(row)} fields, expected {len(header)} as in the header")
-            fields = {name: text for name, text in zip(header, row, strict=True) if text}
-            name = _name_of(fields)
-            _, builder = excursions.setdefault(name, (line, ExcursionBuilder()))
-            record = {key: _decoded(key, text) for key, text in fields.items()}
-            builder.add(record_of(record, limits.limit_nesting))
+            name = (row[robot_at], row[excursion_at])
+            if name not in excursions:
+                _check_name(*name)
+                if len(excursions) == limits.limit_file_excursions:
+                    raise too_many(len(excursions))
+                excursions[name] = (line, ExcursionBuilder())
+            record = {key: decoded(row[at]) for at, key, decoded in columns if row[at]}
+            excursions[name][1].add(record_of(record, limits.limit_nesting))
     except Fault as fault:
         raise refusal(source.name, line, fault) from None
     return LogFile(
         origin,
         tuple(
             Delivery(
-                builder.build(Header(robot, excursion, (), None, "")),
+                Parcel(builder.build(Header(robot, excursion, (), None, ""))),
                 f"{source.name}:{line}",
                 origin,
             )
@@ -97,29 +108,44 @@ def _check_header(header: list[str]) -> None:
             guess = did_you_mean(name, COLUMNS) or f", expected one of {', '.join(COLUMNS)}"
             raise Fault((), f"unknown column {shown(name)}{guess}")
     if len(set(header)) != len(header):
-        twice = next(name for name in header if header.count(name) > 1)
+        (twice, _), *_ = Counter(header).most_common(1)
         raise Fault((), f"the column {shown(twice)} is there twice")
     for name in NEEDED:
         if name not in header:
             raise Fault((), f"the column {name} is missing")
 
 
-def _name_of(fields: dict[str, str]) -> tuple[str, str]:
-    for key in ("robot", "excursion"):
-        if key not in fields:
+def _check_name(robot: str, excursion: str) -> None:
+    for key, name in (("robot", robot), ("excursion", excursion)):
+        if not name:
             raise Fault((key,), "is empty, every row names its robot and excursion")
-    return (
-        name_of("robot", fields.pop("robot")),
-        name_of("excursion", fields.pop("excursion")),
-    )
+    name_of("robot", robot)
+    name_of("excursion", excursion)
 
 
-def _decoded(key: str, text: str) -> object:
-    """Return a field as JSON would hold it; text that does not fit stays text, to be refused."""
+def _decoder(key: str) -> Callable[[str], object]:
+    """Return what makes of a column's fields what JSON would hold.
+
+    Text that does not fit stays text, to be refused.
+    """
     if key in _WORDS or key.startswith("x_"):
-        return text
+        return str
     if key in _WHOLE:
-        return int(text) if _WHOLE_NUMBER.fullmatch(text) else text
+        return _whole
     if key in ("followed", "hit"):
-        return _FLAGS.get(text, text)
-    return float(text) if _NUMBER.fullmatch(text) else text
+        return lambda text: _FLAGS.get(text, text)
+    return _number
+
+
+def _whole(text: str) -> int | str:
+    return int(text) if _WHOLE_NUMBER.fullmatch(text) else text
+
+
+def _number(text: str) -> float | str:
+    # Of these characters float() takes what JSON takes, and numbers such as .5, 1. and +1.
+    if text.strip(_OF_NUMBERS):
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        return text

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from possmap.core.records import PartialMap
 from possmap.errors import LogError, printable
 from possmap.files.logs.fields import Fault, Step
+from possmap.files.logs.parcel import Parcel
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,15 +33,22 @@ class Delivery:
     carrier : robot and excursion of the log that carried it; None for the robot's own.
     """
 
-    version: PartialMap
+    parcel: Parcel
     place: str
     origin: Origin
     carrier: tuple[str, str] | None = None
+
+    @property
+    def version(self) -> PartialMap:
+        """The version, unpacked."""
+        return self.parcel.version
 
 
 @dataclass(frozen=True, slots=True)
 class LogFile:
     """One file, whole: fused or refused as one.
+
+    is_ledger : it was read from a grid, into which somebody let it before.
 
     cut_short : where a last line that was cut was left out; None if none was.
     """
@@ -48,6 +56,7 @@ class LogFile:
     origin: Origin
     deliveries: tuple[Delivery, ...]
     cut_short: str | None = None
+    is_ledger: bool = False
 
 
 def path_text(path: tuple[Step, ...]) -> str:

@@ -52,6 +52,11 @@ def unique_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
     return repeated
 
 
+def too_many(limit: int) -> Fault:
+    """Return what is wrong with a file of more excursions than it may hold."""
+    return Fault((), f"found more than {limit} excursions (setting limit_file_excursions)")
+
+
 def as_object(value: object) -> dict[str, object]:
     """Return ``value`` if it is a JSON object without repeated keys.
 
@@ -69,6 +74,8 @@ def as_object(value: object) -> dict[str, object]:
 
 def number(name: str, value: object) -> float:
     """Return a finite number within ±1e6; -0 becomes 0, so that equal logs have equal bytes."""
+    if (type(value) is float or type(value) is int) and -LARGEST <= value <= LARGEST:
+        return value + 0.0
     found = finite(name, value)
     if not -LARGEST <= found <= LARGEST:
         raise Fault((name,), f"found {shown(value)}, expected a number within ±1e6")
@@ -162,6 +169,12 @@ RULES: dict[str, tuple[FieldRule, ...]] = {
 }
 """Each kind's fields, in the order of its class's attributes."""
 
+_RULES: dict[str, list[tuple[str, Check, bool, object]]] = {
+    kind: [(rule.name, rule.check, rule.required, rule.default) for rule in rules]
+    for kind, rules in RULES.items()
+}
+"""The same as plain tuples, which Python takes apart in half the time."""
+
 _ALLOWED = {kind: {"kind", *(rule.name for rule in rules)} for kind, rules in RULES.items()}
 _MISSING = object()
 
@@ -193,14 +206,18 @@ def record_of(value: object, nesting: int) -> Record:
     if not allowed.issuperset(fields):
         extra = own_keys(fields, allowed, f"a {kind}", nesting)
     values: list[object] = []
-    for rule in RULES[kind]:
-        found = fields.get(rule.name, _MISSING)
-        if found is not _MISSING:
-            values.append(rule.check(rule.name, found))
-        elif rule.required:
-            raise Fault((), f"{rule.name} is missing, a {kind} needs it")
+    get, keep = fields.get, values.append
+    for name, check, required, default in _RULES[kind]:
+        found = get(name, _MISSING)
+        if found is _MISSING:
+            if required:
+                raise Fault((), f"{name} is missing, a {kind} needs it")
+            keep(default)
+        # Most values are such numbers: ``number`` would say the same, and later.
+        elif check is number and type(found) is float and -LARGEST <= found <= LARGEST:
+            keep(found + 0.0)
         else:
-            values.append(rule.default)
+            keep(check(name, found))
     make: Callable[..., Record] = KINDS[kind]  # RULES follow the attributes
     return make(*values, extra)
 

@@ -9,8 +9,9 @@ from possmap.errors import LogError
 from possmap.files.limits import Limits
 from possmap.files.logs.builder import ExcursionBuilder, Header, header_of
 from possmap.files.logs.delivery import Delivery, LogFile, Origin, refusal
-from possmap.files.logs.fields import Fault, as_object, record_of
+from possmap.files.logs.fields import Fault, as_object, record_of, too_many
 from possmap.files.logs.json_text import JsonSyntaxError, JsonText
+from possmap.files.logs.parcel import Parcel
 from possmap.files.logs.text import LogText
 
 
@@ -19,6 +20,7 @@ class _OpenExcursion:
     header: Header
     line: int
     builder: ExcursionBuilder = field(default_factory=ExcursionBuilder)
+    extras: list[str] = field(default_factory=list)  # of the lines that continue it
 
 
 def read_json_lines(source: LogText, limits: Limits, allow_truncated: bool) -> LogFile:
@@ -34,6 +36,7 @@ def read_json_lines(source: LogText, limits: Limits, allow_truncated: bool) -> L
     LogError
         With file and line, for the first thing that cannot be trusted.
     """
+    source.check_objects(limits)
     reader = _Lines(limits)
     cut_short: str | None = None
     for number, line, is_ended in _lines(source.text):
@@ -73,13 +76,15 @@ class _Lines:
 
     def __init__(self, limits: Limits) -> None:
         self.nesting = limits.limit_nesting - 1
+        self._most = limits.limit_file_excursions
+        self._opened = 0
         self.logs: list[dict[tuple[str, str], _OpenExcursion]] = []
         self._present: _OpenExcursion | None = None
 
     def take(self, number: int, line: str) -> None:
         """Take in one line: a header, or a record of the present excursion."""
         cursor = JsonText(line)
-        value = cursor.value()
+        value = cursor.record()
         cursor.end()
         fields = as_object(value)
         if "kind" not in fields and ("robot" in fields or "excursion" in fields):
@@ -101,11 +106,14 @@ class _Lines:
         name = (header.robot, header.excursion)
         known = log.get(name)
         if known is None:
+            if self._opened == self._most:
+                raise too_many(self._most)
+            self._opened += 1
             known = log[name] = _OpenExcursion(header, number)
         elif header.model not in ((), known.header.model):
             raise Fault(("model",), f"differs from that of line {known.line}, which it continues")
-        else:
-            known.header = known.header.with_extra(header.extra)
+        elif header.extra:
+            known.extras.append(header.extra)
         self._present = known
 
     def deliveries(self, origin: Origin) -> Iterator[Delivery]:
@@ -114,7 +122,7 @@ class _Lines:
             own = next(iter(log))
             for name, one in log.items():
                 yield Delivery(
-                    one.builder.build(one.header),
+                    Parcel(one.builder.build(one.header.with_extras(one.extras))),
                     f"{origin.name}:{one.line}",
                     origin,
                     None if name == own else own,

@@ -9,8 +9,9 @@ from possmap.errors import LogError, shown
 from possmap.files.limits import Limits
 from possmap.files.logs.builder import ExcursionBuilder, header_of, version_of
 from possmap.files.logs.delivery import Delivery, LogFile, Origin, refusal
-from possmap.files.logs.fields import Fault, Step, record_of
+from possmap.files.logs.fields import Fault, Step, record_of, too_many
 from possmap.files.logs.json_text import JsonSyntaxError, JsonText, find
+from possmap.files.logs.parcel import Parcel
 from possmap.files.logs.text import LogText
 
 
@@ -25,6 +26,7 @@ def read_json(source: LogText, limits: Limits) -> LogFile:
     origin = Origin(source.name, source.sha256, source.size)
     if source.is_cut:
         raise LogError(source.name, "the file is cut short")
+    source.check_objects(limits)
     reader = _JsonLogReader(source.text, limits)
     try:
         versions = list(reader.log())
@@ -43,7 +45,7 @@ def read_json(source: LogText, limits: Limits) -> LogFile:
         line += source.text.count("\n", counted, position)
         counted = position
         carrier = own if deliveries else None
-        deliveries.append(Delivery(version, f"{source.name}:{line}", origin, carrier))
+        deliveries.append(Delivery(Parcel(version), f"{source.name}:{line}", origin, carrier))
     return LogFile(origin, tuple(deliveries))
 
 
@@ -63,6 +65,7 @@ class _JsonLogReader:
         self.text = text
         self.cursor = JsonText(text)
         self.nesting = limits.limit_nesting
+        self.most = limits.limit_file_excursions
 
     def log(self, path: tuple[Step, ...] = ()) -> Iterator[tuple[int, PartialMap]]:
         """Yield the log's own version, then the carried ones, each with its position."""
@@ -83,6 +86,8 @@ class _JsonLogReader:
                     if path:
                         raise Fault((key,), "a carried log carries no others: list them beside it")
                     for index in self._items(key):
+                        if index + 1 == self.most:  # its own is one more
+                            raise too_many(self.most).below(key, index)
                         carried += self.log((key, index))
                 else:
                     header[key] = self._header_value(key)
@@ -111,10 +116,16 @@ class _JsonLogReader:
 
     def _records(self, builder: ExcursionBuilder, path: tuple[Step, ...]) -> None:
         nesting = self.nesting - len(path) - 2
-        for index in self._items("records"):
-            start = self.cursor.position
-            try:
-                builder.add(record_of(self.cursor.value(), nesting))
-            except Fault as fault:
-                position = find(self.text, start, fault.path)
-                raise _PlacedFault(position, fault.below(*path, index)) from None
+        start, items = self.cursor.position, self._items("records")
+        try:
+            whole = self.cursor.plain_objects()
+            if whole is not None:
+                for value in whole:
+                    builder.add(record_of(value, nesting))
+                return
+            for _ in items:
+                builder.add(record_of(self.cursor.record(), nesting))
+        except Fault as fault:
+            index = len(builder.records)
+            position = find(self.text, start, (index, *fault.path))
+            raise _PlacedFault(position, fault.below(*path, index)) from None

@@ -8,8 +8,15 @@ from collections.abc import Iterator
 
 from possmap.files.logs.fields import Fault, Step, unique_keys
 
+_BLANKS = " \t\n\r"
 _BLANK = re.compile(r"[ \t\n\r]*")
+_COMMA = re.compile(r",[ \t\n\r]*")
 _DECODER = json.JSONDecoder(object_pairs_hook=unique_keys)
+SHORT = 1 << 20
+"""Of a text of at most so many characters a list may be decoded whole."""
+
+_QUICK = json.JSONDecoder().raw_decode
+"""Stays in C for a whole value, but does not tell a key given twice."""
 
 
 class JsonSyntaxError(Exception):
@@ -55,6 +62,47 @@ class JsonText:
         found: object = value
         return found
 
+    def plain_objects(self) -> list[dict[str, object]] | None:
+        """Consume a list of plain objects in one go, in a third of the time.
+
+        Return None, and consume nothing, if it is none, or might be long. A plain object has a
+        colon behind each key and nowhere else. One colon more than keys, and one may hold a key
+        twice, an object of its own or a colon in a text: that needs a closer look, one by one, as
+        does what is not JSON.
+        """
+        text, start = self.text, self.position
+        if len(text) > SHORT or not self.is_at("["):
+            return None
+        try:
+            found, end = _QUICK(text, start)
+        except (ValueError, RecursionError):
+            return None
+        if not set(map(type, found)) <= {dict}:
+            return None
+        if text.count(":", start, end) != sum(map(len, found)):
+            return None
+        self.position = _skip(text, end)
+        objects: list[dict[str, object]] = found
+        return objects
+
+    def record(self) -> object:
+        """Consume one value, as ``value`` does, sooner if it is a plain object (see above).
+
+        Raises
+        ------
+        JsonSyntaxError, Fault
+            As ``value``.
+        """
+        text, start = self.text, self.position
+        try:
+            found, end = _QUICK(text, start)
+        except (ValueError, RecursionError):
+            return self.value()  # which says what is wrong
+        if type(found) is dict and len(found) == text.count(":", start, end):
+            self.position = _skip(text, end)
+            return found
+        return self.value()
+
     def is_at(self, character: str) -> bool:
         """Whether the next character is this one."""
         return self.text.startswith(character, self.position)
@@ -88,9 +136,11 @@ class JsonText:
         while True:
             yield index
             index += 1
-            if not self._took(","):
+            comma = _COMMA.match(self.text, self.position)
+            if comma is None:
                 self._take("]")
                 return
+            self.position = comma.end()
 
     def end(self) -> None:
         """Raise JsonSyntaxError unless all text is consumed."""
@@ -109,6 +159,8 @@ class JsonText:
 
 
 def _skip(text: str, position: int) -> int:
+    if text[position : position + 1] not in _BLANKS:  # mostly: sooner than the search
+        return position
     blank = _BLANK.match(text, position)
     return blank.end() if blank else position
 

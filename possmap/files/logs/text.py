@@ -16,6 +16,8 @@ from possmap.files.limits import Limits
 
 GZIP_MAGIC = b"\x1f\x8b"
 _CHUNK = 1 << 16
+_ROOM = 1 << 16
+"""So much longer than its content a compressed file may be: gzip itself adds less [bytes]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,12 +36,33 @@ class LogText:
     size: int
     is_cut: bool = False
 
+    def check_objects(self, limits: Limits) -> None:
+        """Refuse JSON that takes far more memory than text: two letters make an object.
+
+        Raises
+        ------
+        LogError
+            If it holds more objects and lists than it may; brackets within texts count, too.
+        """
+        most = limits.limit_file_objects
+        if len(self.text) <= most:
+            return
+        found = self.text.count("{") + self.text.count("[")
+        if found > most:
+            problem = f"found {found} objects and lists, expected at most {most}"
+            raise LogError(self.name, f"{problem} (setting limit_file_objects)")
+
+
+class _TooLarge(Exception):
+    """More than may be read was asked for."""
+
 
 class _Metered(io.RawIOBase):
-    """A binary stream that hashes and counts what is read of it."""
+    """A binary stream that hashes and counts what is read of it, up to ``most`` bytes."""
 
-    def __init__(self, stream: BinaryIO) -> None:
+    def __init__(self, stream: BinaryIO, most: int) -> None:
         self._stream = stream
+        self._most = most
         self.hash = hashlib.sha256()
         self.size = 0
 
@@ -51,6 +74,8 @@ class _Metered(io.RawIOBase):
         buffer[: len(data)] = data
         self.hash.update(data)
         self.size += len(data)
+        if self.size > self._most:  # a stream without end, or one that holds next to nothing
+            raise _TooLarge
         return len(data)
 
 
@@ -77,36 +102,37 @@ def read_stream(
     name: str, stream: BinaryIO, limits: Limits, compressed: bool | None = None
 ) -> LogText:
     """Read a log from an open stream; ``compressed=None`` finds out by the first two bytes."""
-    metered = _Metered(stream)
-    buffered = io.BufferedReader(metered, _CHUNK)
-    if compressed is None:
-        compressed = buffered.peek(2)[:2] == GZIP_MAGIC
-    source = gzip.GzipFile(fileobj=buffered) if compressed else buffered
     largest = int(limits.limit_file_mib * 2**20)
-    parts: list[bytes] = []
-    size = 0
+    metered = _Metered(stream, largest + largest // 64 + _ROOM)
+    buffered = io.BufferedReader(metered, _CHUNK)
+    data = bytearray()
     is_cut = False
-    while size <= largest:
-        try:
-            part = source.read1(_CHUNK)  # read() would lose what comes before a cut
-        except EOFError:
-            is_cut = True
-            break
-        except (gzip.BadGzipFile, zlib.error) as error:
-            raise LogError(name, f"not a gzip file, or damaged: {error}") from error
-        if not part:
-            break
-        parts.append(part)
-        size += len(part)
-    if size > largest:
-        limit = f"{limits.limit_file_mib:g} MiB"
-        raise LogError(name, f"larger than {limit}, decompressed (setting limit_file_mib)")
-    while buffered.read(_CHUNK):  # the hash is of the whole file
-        pass
-    return _decoded(name, b"".join(parts), metered, is_cut)
+    try:
+        if compressed is None:
+            compressed = buffered.peek(2)[:2] == GZIP_MAGIC
+        source = gzip.GzipFile(fileobj=buffered) if compressed else buffered
+        while len(data) <= largest:
+            try:
+                part = source.read1(_CHUNK)  # read() would lose what comes before a cut
+            except EOFError:
+                is_cut = True
+                break
+            except (gzip.BadGzipFile, zlib.error) as error:
+                raise LogError(name, f"not a gzip file, or damaged: {error}") from error
+            if not part:
+                break
+            data += part
+        if len(data) > largest:
+            raise _TooLarge
+        while buffered.read(_CHUNK):  # the hash is of the whole file
+            pass
+    except _TooLarge:
+        limit = f"{limits.limit_file_mib:g} MiB, decompressed (setting limit_file_mib)"
+        raise LogError(name, f"larger than {limit}") from None
+    return _decoded(name, data, metered, is_cut)
 
 
-def _decoded(name: str, data: bytes, metered: _Metered, is_cut: bool) -> LogText:
+def _decoded(name: str, data: bytearray, metered: _Metered, is_cut: bool) -> LogText:
     try:
         text = data.decode()
     except UnicodeDecodeError as error:

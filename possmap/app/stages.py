@@ -1,0 +1,147 @@
+"""The work of ``fuse``, cut so that any process can do it: read, lay out, stamp (docs/scale.md).
+
+Every function here is pure but for the file that it reads, and takes and returns what can be sent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from possmap.app import inputs
+from possmap.core.evidence import Layer, findings
+from possmap.core.fusion import TileLayers, fuse_tile
+from possmap.core.lattice import TileKey
+from possmap.core.model import ErrorModel
+from possmap.core.plan import ExcursionPlan, TileWork, plan_excursion
+from possmap.core.pyramid import most_cells
+from possmap.core.settings import EvidenceSettings
+from possmap.errors import BudgetError, GridError, LogError, printable
+from possmap.files.budget import Budget
+from possmap.files.gridfile.encoding import EncodedTile, encode
+from possmap.files.gridfile.rows import ExcursionRows, excursion_rows
+from possmap.files.limits import Limits
+from possmap.files.logs import Delivery, LogFile, Parcel
+from possmap.files.settings import Settings
+
+
+class ReadTask(NamedTuple):
+    """Logs to read.
+
+    budget : memory that reading one of them, and all that follows, may take.
+    foresee : settings under which to lay out each robot's own excursion at once, as if the grid
+        did not know it, which it seldom does; None: not yet.
+    """
+
+    names: tuple[str, ...]
+    limits: Limits
+    allow_truncated: bool
+    budget: Budget
+    foresee: Settings | None = None
+
+
+class Read(NamedTuple):
+    """A log as read, or why it could not be.
+
+    foreseen : of each delivery, what was laid out at once, if it was.
+    """
+
+    path: str
+    log: LogFile | None
+    error: str | None = None
+    foreseen: tuple[LaidOut | None, ...] = ()
+
+
+class LayoutTask(NamedTuple):
+    """An excursion of which the grid does not hold everything.
+
+    known_records : how many of its records, from the first, the grid holds.
+    """
+
+    parcel: Parcel
+    model: ErrorModel
+    known_records: int
+    settings: EvidenceSettings
+
+
+class Elsewhere(NamedTuple):
+    """A plan that stays with whoever made it (``possmap.app.cluster``).
+
+    held : stands for what was made there in one go; digest : the excursion's hash, its name there.
+    """
+
+    held: Any
+    digest: bytes
+
+
+class LaidOut(NamedTuple):
+    """What the ledger notes of an excursion, and what it says in which tiles."""
+
+    rows: ExcursionRows
+    plan: ExcursionPlan | Elsewhere
+
+
+class TileTask(NamedTuple):
+    """A tile, what to stamp into it, and what it holds."""
+
+    work: TileWork
+    layers: TileLayers
+    settings: EvidenceSettings
+
+
+class TileResult(NamedTuple):
+    """The layers of a tile that changed, as they are stored."""
+
+    key: TileKey
+    layers: Mapping[Layer, EncodedTile]
+
+
+def read_logs(task: ReadTask) -> list[Read]:
+    """Read and check logs, or ledgers; what is wrong with one is noted beside its name."""
+    return [_read(name, task) for name in task.names]
+
+
+def _read(name: str, task: ReadTask) -> Read:
+    # What is compressed, or streamed, shows its size only when it is read.
+    most = min(task.limits.limit_file_mib, task.budget.log_bytes / 2**20)
+    try:
+        if not inputs.is_grid(name):
+            task.budget.check_log(name, inputs.size_of(name))
+        log = inputs.read(name, replace(task.limits, limit_file_mib=most), task.allow_truncated)
+    except (LogError, GridError, BudgetError) as error:
+        return Read(name, None, str(error))
+    except MemoryError:
+        return Read(name, None, f"{printable(name)}: takes more memory than there is")
+    if task.foresee is None or inputs.is_grid(name):
+        return Read(name, log)
+    return Read(name, log, None, tuple(_foreseen(one, task.foresee) for one in log.deliveries))
+
+
+def _foreseen(delivery: Delivery, settings: Settings) -> LaidOut | None:
+    """Lay out a robot's own excursion; what was carried home, others will deliver too."""
+    parcel, model = delivery.parcel, settings.model_in_force(*delivery.parcel.terms)
+    most = most_cells(parcel.span, model, settings.evidence.resolution)
+    if delivery.carrier is not None or most > settings.limits.limit_record_cells:
+        return None
+    return _laid_out(LayoutTask(parcel, model, 0, settings.evidence))
+
+
+def lay_out(tasks: list[LayoutTask]) -> list[LaidOut]:
+    """Correct, propagate and lay out excursions, and cut what they say at the borders of tiles."""
+    return [_laid_out(task) for task in tasks]
+
+
+def _laid_out(task: LayoutTask) -> LaidOut:
+    version = task.parcel.version
+    found = findings(version, task.model, task.settings)
+    plan = plan_excursion(found, task.known_records, task.settings)
+    rows = excursion_rows(version, task.model, task.known_records, found.geometry, plan.touched())
+    return LaidOut(rows, plan)
+
+
+def stamp_tile(task: TileTask) -> TileResult:
+    """Stamp everything new into one tile."""
+    changed = fuse_tile(task.work, task.layers, task.settings)
+    key = task.work.key
+    return TileResult(key, {layer: encode(layer, key, array) for layer, array in changed.items()})
