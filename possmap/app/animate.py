@@ -14,6 +14,7 @@ from possmap.app.progress import Progress, quiet
 from possmap.app.render import (
     Look,
     RenderSummary,
+    check_fits,
     metadata,
     overlays_of,
     picture,
@@ -23,6 +24,7 @@ from possmap.core.evidence import Findings, findings
 from possmap.core.memory import TileMemory
 from possmap.errors import OutputError, plural, printable, shown
 from possmap.files.atomic import replacing
+from possmap.files.budget import Budget
 from possmap.files.gridfile.grid import Grid
 from possmap.files.gridfile.ledger import Entry
 from possmap.pictures import compose
@@ -55,6 +57,7 @@ def animate(
     frame_ms: int = 400,
     overwrite: bool = False,
     progress: Progress = quiet,
+    budget: Budget | None = None,
 ) -> RenderSummary:
     """Draw how a grid grew, in the order in which its logs arrived.
 
@@ -80,8 +83,10 @@ def animate(
         raise OutputError("coverage cannot be animated yet; any other layer can")
     look = look if look.max_size or look.scale else replace(look, max_size=720)
     refuse_itself(path, output)
-    with Grid(path) as grid, grid.snapshot():
+    budget = budget or Budget()
+    with Grid(path, budget=budget) as grid, grid.snapshot():
         chosen = raster_of(grid, look)
+        check_fits(look, chosen, budget)
         steps = list(_steps(grid, by, min(frames or _DEFAULT_FRAMES, MOST_FRAMES)))
         with replacing(output, overwrite) as stream:
             last = picture(grid, look, chosen).convert("RGB")

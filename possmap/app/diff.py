@@ -13,8 +13,9 @@ from possmap.app.largest import Largest
 from possmap.app.progress import Progress, quiet
 from possmap.core.difference import QUANTITIES, Changes, Tally, changes
 from possmap.core.lattice import TileKey, Window
-from possmap.errors import OutputError, SettingsError, printable, shown
+from possmap.errors import OutputError, SettingsError, plural, printable, shown
 from possmap.files.atomic import check_output, replacing
+from possmap.files.budget import Budget
 from possmap.files.gridfile.grid import Grid
 from possmap.files.gridfile.ledger import Entry
 from possmap.files.gridfile.pairs import TilePairs
@@ -35,6 +36,7 @@ def diff(
     picture: Path | None = None,
     overwrite: bool = False,
     progress: Progress = quiet,
+    budget: Budget | None = None,
 ) -> DiffSummary:
     """Compare two grids of one resolution.
 
@@ -55,14 +57,30 @@ def diff(
         If one of them cannot be read.
     OutputError
         If the picture cannot be written, or there is nothing to draw.
+    BudgetError
+        If the grids' excursions do not fit into the memory allowed.
     """
+    budget = budget or Budget()
     if picture is not None:
         _check_picture(picture, (a, b), overwrite)
     with ExitStack() as stack:
-        of_a, of_b = (stack.enter_context(Grid(path)) for path in (a, b))
+        of_a, of_b = (stack.enter_context(Grid(path, budget=budget)) for path in (a, b))
         for grid in (of_a, of_b):
             stack.enter_context(grid.snapshot())
+        _check_fits(of_a, of_b, budget)
         return _compared(of_a, of_b, largest, window_m, picture, overwrite, progress)
+
+
+_EXCURSION_BYTES = 4000
+"""An excursion of either grid, with its hash and as text."""
+
+
+def _check_fits(a: Grid, b: Grid, budget: Budget) -> None:
+    known = a.excursion_count + b.excursion_count
+    budget.check_held(
+        f"{printable(str(b.path))}: comparing {plural(known, 'excursion')}",
+        known * _EXCURSION_BYTES,
+    )
 
 
 def _check_picture(picture: Path, grids: tuple[Path, Path], overwrite: bool) -> None:
@@ -151,11 +169,11 @@ def _window(a: Grid, b: Grid, window_m: Metres | None) -> Window | None:
 def _cells(pairs: TilePairs, largest: Largest, canvas: Canvas | None, progress: Progress) -> Cells:
     tally = Tally()
     for row in progress(pairs.rows(), "row"):
-        for key, equal in pairs.keys(row):
-            pair = pairs.read(key, equal)
+        for key, pair in pairs.row(row):
             found = changes(pair)
             tally.add(pair, found)
-            largest.offer(key, found)
+            if key is not None:
+                largest.offer(key, found)
             if canvas is not None:
                 canvas.add(pair, found)
 

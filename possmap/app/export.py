@@ -9,6 +9,7 @@ from pathlib import Path
 from possmap.core.lattice import Window
 from possmap.errors import OutputError, did_you_mean, printable, shown
 from possmap.files.atomic import replacing_all
+from possmap.files.budget import Budget
 from possmap.files.exports.bands import holds_evidence
 from possmap.files.exports.formats import FORMATS, WRITTEN_WITH, Format
 from possmap.files.exports.job import Choices, Job
@@ -41,6 +42,7 @@ def export(
     window_m: tuple[float, float, float, float] | None = None,
     overwrite: bool = False,
     choices: Choices | None = None,
+    budget: Budget | None = None,
 ) -> ExportSummary:
     """Write a grid, or a window of it given as x0, y0, x1, y1 [m].
 
@@ -49,6 +51,8 @@ def export(
     OutputError
         For a suffix without a format, no evidence, too many cells, a format whose library is not
         installed, or an output that exists.
+    BudgetError
+        If a format that is made in memory does not fit.
     GridError
         If ``path`` is no grid.
     """
@@ -57,7 +61,7 @@ def export(
     outputs = (output, *chosen.beside(output, choices))
     for one in outputs:
         refuse_itself(path, one)
-    with Grid(path) as grid, grid.snapshot():
+    with Grid(path, budget=budget or Budget()) as grid, grid.snapshot():
         window = chosen_window(grid, window_m)
         if not chosen.may_be_empty:
             refuse_nothing(grid, window)

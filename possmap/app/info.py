@@ -6,8 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from possmap.core.lattice import TILE, Window
+from possmap.errors import plural, printable
+from possmap.files.budget import Budget
+from possmap.files.gridfile.arrivals import Event
+from possmap.files.gridfile.forgotten import Forgotten
 from possmap.files.gridfile.grid import Grid
-from possmap.files.gridfile.ledger import Arrival, Entry
+from possmap.files.gridfile.ledger import Entry
 from possmap.files.setting_table import Value
 from possmap.files.settings import Settings, assemble
 
@@ -20,6 +24,8 @@ class GridInfo:
     extent_m : the same as x0, y0, x1, y1 [m].
     tiles, tile_cells : how many tiles hold anything, and the cells in them.
     file_size : [bytes].
+    events : what came by which file, also what was known already.
+    forgotten : what was taken out, and is not let in.
     """
 
     grid: Path
@@ -33,7 +39,8 @@ class GridInfo:
     settings: Settings
     stored: dict[str, Value]
     excursions: tuple[Entry, ...]
-    arrivals: tuple[Arrival, ...]
+    events: tuple[Event, ...]
+    forgotten: tuple[Forgotten, ...]
 
     @property
     def robots(self) -> list[str]:
@@ -45,16 +52,35 @@ class GridInfo:
         """Records of all excursions."""
         return sum(entry.records for entry in self.excursions)
 
+    def events_by_excursion(self) -> dict[tuple[str, str], list[Event]]:
+        """Return what came of each excursion, in the order of arrival."""
+        found: dict[tuple[str, str], list[Event]] = {}
+        for event in self.events:
+            found.setdefault(event.name, []).append(event)
+        return found
 
-def info(path: Path) -> GridInfo:
+
+_EXCURSION_BYTES = 8000
+"""An excursion with what brought it, as values and as text."""
+
+
+def info(path: Path, budget: Budget | None = None) -> GridInfo:
     """Look into a grid file.
 
     Raises
     ------
     GridError
         If it is no grid.
+    BudgetError
+        If its excursions are too many to list.
     """
-    with Grid(path) as grid, grid.snapshot():
+    budget = budget or Budget()
+    with Grid(path, budget=budget) as grid, grid.snapshot():
+        known = grid.excursion_count
+        budget.check_held(
+            f"{printable(str(path))}: a list of {plural(known, 'excursion')}",
+            known * _EXCURSION_BYTES,
+        )
         window = grid.window
         extent = None
         if window is not None:
@@ -62,7 +88,7 @@ def info(path: Path) -> GridInfo:
             high = grid.lattice.corner_of(window.row1, window.column1)
             x0, y0, x1, y1 = (round(value, 9) for value in (*low, *high))
             extent = (x0, y0, x1, y1)
-        tiles = grid.tiles.count()
+        tiles = grid.tiles.directory.count()
         stored = grid.stored_settings()
         return GridInfo(
             grid=path,
@@ -76,5 +102,6 @@ def info(path: Path) -> GridInfo:
             settings=assemble(stored),
             stored=stored,
             excursions=tuple(grid.ledger.entries()),
-            arrivals=tuple(grid.ledger.arrivals()),
+            events=tuple(grid.ledger.came.events()),
+            forgotten=grid.ledger.forgotten.all(),
         )

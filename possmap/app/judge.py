@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
-from possmap.core.evidence import Findings, findings
+from possmap.app.admission import Admission, how_to_forget
+from possmap.app.stages import LaidOut
+from possmap.core.evidence import findings
 from possmap.core.model import ErrorModel
-from possmap.core.pyramid import swept_cells
+from possmap.core.pyramid import most_cells, swept_cells
 from possmap.core.records import PartialMap, first_difference
 from possmap.errors import ConflictError, LogError, printable
-from possmap.files.gridfile.ledger import Ledger, Part
-from possmap.files.logs.delivery import Delivery, LogFile
+from possmap.files.gridfile.arrivals import Again, Part
+from possmap.files.gridfile.ledger import Ledger
+from possmap.files.logs import Delivery, LogFile, Origin, Parcel
 from possmap.files.settings import Settings
 
 
@@ -18,27 +24,38 @@ from possmap.files.settings import Settings
 class Known:
     """What is known of an excursion, in the grid or accepted since.
 
-    version : all records known.
+    parcel : all records known.
     model : in force.
     in_grid : how many records the grid holds already.
     parts : what brought those that it does not hold.
     places : of each part accepted since, for messages.
+    foreseen : what it says, if that was laid out when it was read.
     """
 
-    version: PartialMap
+    parcel: Parcel
     model: ErrorModel
     in_grid: int
     parts: tuple[Part, ...] = ()
     places: tuple[str, ...] = ()
+    foreseen: LaidOut | None = None
+
+    @property
+    def version(self) -> PartialMap:
+        """All records known, unpacked."""
+        return self.parcel.version
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What a log file adds: new records, and those known before."""
+    """What a log file adds: new records, and those known before.
+
+    note : what of it was not let in.
+    """
 
     records_new: int
     records_known: int
     is_new: bool
+    note: str | None = None
 
 
 @dataclass
@@ -49,60 +66,96 @@ class Judge:
     ----------
     ledger
         None if there is no grid yet.
+    grid
+        The grid's file, for messages that say what to do with it.
+    strict
+        Whether nothing is kept unless everything is accepted.
     accepted
         Excursions with something that the grid does not hold.
-    laid_out
-        What these say.
     arrived
-        Their parts, in the order of arrival.
+        Their parts, and what came once more by another file, in the order of arrival.
     """
 
     settings: Settings
     ledger: Ledger | None = None
+    grid: Path | None = None
+    strict: bool = False
     accepted: dict[tuple[str, str], Known] = field(default_factory=dict)
-    laid_out: dict[tuple[str, str], Findings] = field(default_factory=dict)
-    arrived: list[tuple[tuple[str, str], Part]] = field(default_factory=list)
+    arrived: list[tuple[tuple[str, str], Part | Again]] = field(default_factory=list)
 
-    def take(self, log: LogFile) -> Verdict:
+    def __post_init__(self) -> None:
+        self._admission = Admission(self.ledger.forgotten.all() if self.ledger else (), self.grid)
+        self._held: dict[tuple[tuple[str, str], str], int] = {}
+
+    def take(self, log: LogFile, foreseen: Sequence[LaidOut | None] = ()) -> Verdict:
         """Accept a log file whole.
+
+        foreseen : of its deliveries, what was laid out as if nobody knew them.
 
         Raises
         ------
         ConflictError
             If a version in it disagrees with one known, or with another in the same file.
         LogError
-            If one of its records touches more cells than the limit allows.
+            If one of its records touches more cells than the limit allows, or all that it holds
+            was forgotten.
         """
         found: dict[tuple[str, str], Known] = {}
         before: dict[tuple[str, str], Known | None] = {}
-        arrived: list[tuple[tuple[str, str], Part]] = []
-        for delivery in log.deliveries:
-            name = delivery.version.name
+        arrived: list[tuple[tuple[str, str], Part | Again]] = []
+        let_in = self._admission.sift(log, foreseen)
+        for delivery, laid_out in let_in.deliveries:
+            name = delivery.parcel.name
             if name not in before:
                 before[name] = self._known(name)
             known = found.get(name) or before[name]
-            found[name] = self._joined(known, delivery)
+            if known is None:
+                found[name] = self._new(delivery, laid_out)
+            else:
+                found[name] = self._joined(known, delivery)
             if found[name] is not known:
                 arrived.append((name, found[name].parts[-1]))
         new = {name: known for name, known in found.items() if known is not before[name]}
-        laid_out = {name: self._laid_out(known) for name, known in new.items()}
+        self._check_cells(list(new.values()), bounded=not log.is_ledger)
+        arrived += self._again((delivery for delivery, _ in let_in.deliveries), arrived)
         self.arrived += arrived
+        self._held.update(((name, what.origin.sha256), what.end) for name, what in arrived)
         self.accepted.update(new)
-        self.laid_out.update(laid_out)
-        added = sum(
-            len(known.version.records) - _count(before[name]) for name, known in new.items()
-        )
+        added = sum(known.parcel.count - _count(before[name]) for name, known in new.items())
         delivered: dict[tuple[str, str], int] = {}
-        for delivery in log.deliveries:
-            records = len(delivery.version.records)
-            delivered[delivery.version.name] = max(records, delivered.get(delivery.version.name, 0))
-        return Verdict(added, sum(delivered.values()) - added, bool(new))
+        for delivery, _ in let_in.deliveries:
+            name, records = delivery.parcel.name, delivery.parcel.count
+            delivered[name] = max(records, delivered.get(name, 0))
+        return Verdict(added, sum(delivered.values()) - added, bool(new), let_in.note)
 
     def forget(self) -> None:
         """Forget what was accepted."""
         self.accepted.clear()
-        self.laid_out.clear()
         self.arrived.clear()
+        self._held.clear()
+
+    def _again(
+        self,
+        deliveries: Iterable[Delivery],
+        arrived: Sequence[tuple[tuple[str, str], Part | Again]],
+    ) -> list[tuple[tuple[str, str], Part | Again]]:
+        """Return what came once more, by files that nobody has yet seen to hold as much."""
+        noted = {(name, what.origin.sha256) for name, what in arrived}
+        found: dict[tuple[tuple[str, str], str], Again] = {}
+        for delivery in deliveries:
+            key = delivery.parcel.name, delivery.origin.sha256
+            again = Again(delivery.parcel.count, delivery.origin, delivery.carrier)
+            if key in noted or (key in found and found[key].end >= again.end):
+                continue
+            found[key] = again
+        return [(key[0], again) for key, again in found.items() if again.end > self._seen(*key)]
+
+    def _seen(self, name: tuple[str, str], sha256: str) -> int:
+        """Return how many records a file is known to have held, in the grid or accepted since."""
+        found = self._held.get((name, sha256))
+        if found is None and self.ledger is not None:
+            found = self.ledger.came.held(name, sha256)
+        return -1 if found is None else found
 
     def _known(self, name: tuple[str, str]) -> Known | None:
         if name in self.accepted:
@@ -110,24 +163,26 @@ class Judge:
         entry = self.ledger.entry(name) if self.ledger else None
         if entry is None or self.ledger is None:
             return None
-        return Known(self.ledger.version(entry), entry.model, entry.records)
+        return Known(Parcel(self.ledger.version(entry)), entry.model, entry.records)
 
-    def _joined(self, known: Known | None, delivery: Delivery) -> Known:
+    def _new(self, delivery: Delivery, laid_out: LaidOut | None) -> Known:
+        """Return what is known by the first delivery of an excursion."""
+        parcel = delivery.parcel
+        model = self.settings.model_in_force(*parcel.terms)
+        part = Part(0, parcel.count, delivery.origin, delivery.carrier)
+        return Known(parcel, model, 0, (part,), (delivery.place,), laid_out)
+
+    def _joined(self, known: Known, delivery: Delivery) -> Known:
         """Return what is known with the delivery; ``known`` itself if it brings nothing new."""
         version = delivery.version
-        if known is None:
-            model = self.settings.evidence.model_in_force(
-                version.model, self.settings.robots.get(version.robot, {})
-            )
-            part = Part(0, len(version.records), delivery.origin, delivery.carrier)
-            return Known(version, model, 0, (part,), (delivery.place,))
         difference = first_difference(known.version, version)
         if difference is not None:
+            place, way_in = self._blamed(known, difference.record, delivery.origin)
             raise ConflictError(
                 delivery.place,
                 f"excursion {version.excursion} of robot {version.robot} disagrees with the "
-                f"version from {self._source(known, difference.record)}: {difference.what}; "
-                "another outing needs another excursion name",
+                f"version from {place}: {difference.what}; "
+                f"another outing needs another excursion name{way_in}",
             )
         first = len(known.version.records)
         if len(version.records) <= first:
@@ -135,47 +190,73 @@ class Judge:
         part = Part(first, len(version.records) - first, delivery.origin, delivery.carrier)
         return replace(
             known,
-            version=known.version.continued_by(version),
+            parcel=Parcel(known.version.continued_by(version)),
             parts=(*known.parts, part),
             places=(*known.places, delivery.place),
+            foreseen=None,
         )
 
-    def _source(self, known: Known, record: int | None) -> str:
-        """Return what brought a record, for a message."""
+    def _blamed(self, known: Known, record: int | None, mine: Origin) -> tuple[str, str]:
+        """Return what brought a record, for a message, and what to do if that is what is false."""
         if self.ledger is not None:
             for arrival in self.ledger.arrivals(known.version.name):
                 if record is None or arrival.part.holds(record):
-                    return f"{printable(arrival.part.origin.name)}, fused {arrival.fused_at}"
+                    origin = arrival.part.origin
+                    place = f"{printable(origin.name)}, fused {arrival.fused_at}"
+                    return place, self._way_in(origin)
         for part, place in zip(known.parts, known.places, strict=True):
             if record is None or part.holds(record):
-                return printable(place)
-        return "the grid"
+                # What one file says of itself, or what will not be kept, cannot be forgotten.
+                lasts = part.origin != mine and not self.strict
+                return printable(place), self._way_in(part.origin) if lasts else ""
+        return "the grid", ""
 
-    def _laid_out(self, known: Known) -> Findings:
-        found = findings(known.version, known.model, self.settings.evidence)
-        _check_cells(found, known, self.settings)
-        return found
+    def _way_in(self, origin: Origin) -> str:
+        if self.grid is None:
+            return ""
+        sources = self.ledger.came.sources() if self.ledger else ()
+        command = how_to_forget(self.grid, origin, sources)
+        return f"; if the other version is false, {command} makes room for this one"
+
+    def _check_cells(self, new: Sequence[Known], bounded: bool) -> None:
+        """Refuse what touches more cells than the limits allow, before any is touched.
+
+        bounded : whether the file as a whole is.
+        """
+        limits, resolution = self.settings.limits, self.settings.evidence.resolution
+        most = [most_cells(one.parcel.span, one.model, resolution) for one in new]
+        whole = sum(one.parcel.count * cells for one, cells in zip(new, most, strict=True))
+        in_all = limits.limit_file_cells if bounded else math.inf
+        if max(most, default=0) <= limits.limit_record_cells and whole <= in_all:
+            return
+        exact = sum(self._cells_touched(known) for known in new)
+        if exact > in_all:
+            raise LogError(
+                new[-1].places[-1].rpartition(":")[0],
+                f"its records touch up to {exact:.3g} cells, expected at most {in_all:.3g} "
+                "(setting limit_file_cells)",
+            )
+
+    def _cells_touched(self, known: Known) -> int:
+        """Return an upper bound of the cells that an excursion touches, each record's by itself."""
+        settings, limit = self.settings.evidence, self.settings.limits.limit_record_cells
+        found = findings(known.version, known.model, settings)
+        cells: dict[int, int] = {}
+        for one in found.evidence:
+            for segment in one.segments:
+                swept = swept_cells(segment, settings.resolution, found.model.max_error)
+                cells[segment.record] = cells.get(segment.record, 0) + swept
+        for number, count in sorted(cells.items()):
+            if count > limit:
+                raise LogError(
+                    known.places[-1],
+                    f"seq {known.version.records[number].seq} of excursion "
+                    f"{known.version.excursion} of robot {known.version.robot} touches up to "
+                    f"{count:.3g} cells, expected at most {limit:.3g} "
+                    "(setting limit_record_cells)",
+                )
+        return sum(cells.values())
 
 
 def _count(known: Known | None) -> int:
-    return 0 if known is None else len(known.version.records)
-
-
-def _check_cells(found: Findings, known: Known, settings: Settings) -> None:
-    """Refuse a record that touches more cells than the limit allows, before any is touched."""
-    resolution = settings.evidence.resolution
-    cells: dict[int, int] = {}
-    for one in found.evidence:
-        for segment in one.segments:
-            swept = swept_cells(segment, resolution, found.model.max_error)
-            cells[segment.record] = cells.get(segment.record, 0) + swept
-    limit = settings.limits.limit_record_cells
-    for number, count in sorted(cells.items()):
-        if count > limit:
-            seq = known.version.records[number].seq
-            raise LogError(
-                known.places[-1],
-                f"seq {seq} of excursion {known.version.excursion} of robot {known.version.robot} "
-                f"touches up to {count:.3g} cells, expected at most {limit:.3g} "
-                "(setting limit_record_cells)",
-            )
+    return 0 if known is None else known.parcel.count

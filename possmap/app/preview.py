@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from possmap.app.render import Look, evidence_window, scene_of
+from possmap.files.budget import Budget
 from possmap.files.gridfile.grid import Grid
 from possmap.pictures import compose, raster, terminal
 from possmap.pictures.terminal import Depth
@@ -12,7 +13,14 @@ from possmap.pictures.terminal import Depth
 __all__ = ["Depth", "preview"]
 
 
-def preview(path: Path, look: Look, columns: int, lines: int, colours: Depth) -> str:
+def preview(
+    path: Path,
+    look: Look,
+    columns: int,
+    lines: int,
+    colours: Depth,
+    budget: Budget | None = None,
+) -> str:
     """Return a picture of a grid as text for a terminal of so many columns and lines.
 
     Raises
@@ -21,7 +29,7 @@ def preview(path: Path, look: Look, columns: int, lines: int, colours: Depth) ->
         If there is no evidence.
     """
     name = look.layers[0]
-    with Grid(path) as grid, grid.snapshot():
+    with Grid(path, budget=budget or Budget()) as grid, grid.snapshot():
         window = evidence_window(grid, look.window_m)
         rows_high, cells_wide = window.shape
         factor = max(cells_wide / columns, rows_high / (2 * lines), 1.0)

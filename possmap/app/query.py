@@ -8,14 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from possmap.core import views
+from possmap.core import kernel, views
 from possmap.core.clip import spared
 from possmap.core.evidence import Evidence, Layer, findings
 from possmap.core.lattice import TILE, TileKey, Window
 from possmap.core.pyramid import FULL, relevant
 from possmap.core.records import KIND_OF
 from possmap.core.settings import EvidenceSettings
-from possmap.core.stamping import Piece, stamp
+from possmap.core.stamping import Piece
+from possmap.files.budget import Budget
 from possmap.files.gridfile.grid import Grid
 
 LAYER_WORDS = {Layer.WALLS: "wall", Layer.FREE: "free", Layer.POINTS: "point"}
@@ -53,7 +54,9 @@ class PointReport:
     witnesses: tuple[Witness, ...]
 
 
-def query(path: Path, x: float, y: float, base_rate: float = 0.5) -> PointReport:
+def query(
+    path: Path, x: float, y: float, base_rate: float = 0.5, budget: Budget | None = None
+) -> PointReport:
     """Report on the cell that holds the point (x, y) [m].
 
     Raises
@@ -61,7 +64,7 @@ def query(path: Path, x: float, y: float, base_rate: float = 0.5) -> PointReport
     GridError
         If the file is no grid.
     """
-    with Grid(path) as grid, grid.snapshot():
+    with Grid(path, budget=budget) as grid, grid.snapshot():
         row, column = grid.lattice.cell_of(x, y)
         window = Window(row, row + 1, column, column + 1)
         names = [*views.VIEWS, "points"]
@@ -119,6 +122,6 @@ def _said(
         if span is None:
             continue
         block = np.zeros((1, 1), dtype=np.uint16)
-        stamp(block, window, Piece(segment, *span), settings.resolution, max_error)
+        kernel.stamp(block, window, Piece(segment, *span), settings.resolution, max_error)
         if block[0, 0]:
             yield segment.record, int(block[0, 0])

@@ -13,6 +13,7 @@ from possmap.core.evidence import findings
 from possmap.core.lattice import Window
 from possmap.errors import OutputError, plural, printable, shown
 from possmap.files.atomic import check_output, replacing
+from possmap.files.budget import Budget
 from possmap.files.gridfile.grid import Grid
 from possmap.files.gridfile.ledger import Entry
 from possmap.files.limits import Limits
@@ -20,13 +21,20 @@ from possmap.files.truth import read_truth
 from possmap.pictures import compose, raster
 from possmap.pictures.compose import Scene
 from possmap.pictures.coverage import Counts, counted
-from possmap.pictures.overlays import Overlays, Place
+from possmap.pictures.overlays import Overlays
 from possmap.pictures.png import write_png
 from possmap.pictures.raster import Raster
+from possmap.pictures.thinning import Place, Points, Track
 from possmap.release import version
 
 HOME_M = 1.0
 """Robots that set out so near to each other set out from one home [m]."""
+
+BARE_BYTES, PANEL_BYTES, SHEET_BYTES, COVERAGE_BYTES = 2, 12, 20, 10
+"""What a pixel takes: as it is; in a panel; under fine overlays; where excursions are counted."""
+FINE_PIXELS = 4_000_000
+"""Overlays on larger pictures are not drawn finer than these."""
+PLACE_BYTES = 150
 
 Metres = tuple[float, float, float, float]
 """A rectangle: x0, y0, x1, y1."""
@@ -67,11 +75,15 @@ class RenderSummary:
     frames: int = 1
 
 
-def render(path: Path, output: Path, look: Look, overwrite: bool = False) -> RenderSummary:
+def render(
+    path: Path, output: Path, look: Look, overwrite: bool = False, budget: Budget | None = None
+) -> RenderSummary:
     """Draw a grid into a PNG file.
 
     Raises
     ------
+    BudgetError
+        If the picture, or what it needs, does not fit into the memory allowed.
     OutputError
         For an output that is not PNG or exists, no evidence, or a picture that is too large.
     GridError, LogError
@@ -83,13 +95,43 @@ def render(path: Path, output: Path, look: Look, overwrite: bool = False) -> Ren
             "(a film: --animate with .png, .gif or .webp)"
         )
     refuse_itself(path, output)
-    with Grid(path) as grid, grid.snapshot():
+    budget = budget or Budget()
+    with Grid(path, budget=budget) as grid, grid.snapshot():
         chosen = raster_of(grid, look)
+        check_fits(look, chosen, budget)
         check_output(output, overwrite)
         image = picture(grid, look, chosen)
         with replacing(output, overwrite) as stream:
             write_png(image, stream, metadata(grid, look, chosen))
     return RenderSummary(output, *image.size)
+
+
+def check_fits(look: Look, chosen: Raster, budget: Budget) -> None:
+    """Refuse a picture whose pixels do not fit into memory.
+
+    Raises
+    ------
+    BudgetError
+        With what would help.
+    """
+    width, height = chosen.size
+    budget.check_held(
+        f"a picture of {width} × {height} pixels",
+        size_of(look, chosen),
+        "shrink it with --max-size PIXELS, or take a part: --window X0,Y0,X1,Y1",
+    )
+
+
+def size_of(look: Look, chosen: Raster) -> int:
+    """Return what a picture takes in memory while it is drawn [bytes]."""
+    width, height = chosen.size
+    pixels, panels = width * height, len(look.layers)
+    size = BARE_BYTES * pixels
+    if not look.bare:
+        size = panels * PANEL_BYTES * pixels + SHEET_BYTES * min(pixels, FINE_PIXELS)
+    if compose.COVERAGE in look.layers:
+        size += COVERAGE_BYTES * chosen.blocks[0] * chosen.blocks[1]
+    return size
 
 
 def picture(grid: Grid, look: Look, chosen: Raster | None = None) -> Image.Image:
@@ -143,7 +185,7 @@ def scene_of(grid: Grid, look: Look, chosen: Raster) -> Scene:
     return Scene(
         cells=grid.tiles,
         resolution=grid.resolution,
-        coverage=lambda at: coverage_of(grid, at),
+        coverage=lambda at: coverage_of(grid, at, size_of(look, chosen)),
         title=look.title if look.title is not None else grid.path.stem,
         subtitle=counted_words(grid),
         base_rate=look.base_rate,
@@ -151,14 +193,23 @@ def scene_of(grid: Grid, look: Look, chosen: Raster) -> Scene:
     )
 
 
-def coverage_of(grid: Grid, chosen: Raster) -> Counts:
-    """Count the excursions that touched each block."""
+def coverage_of(grid: Grid, chosen: Raster, besides: int) -> Counts:
+    """Count the excursions that touched each block; ``besides``: bytes for the picture."""
     settings = grid.settings
     excursions = (
         findings(grid.ledger.version(entry), entry.model, settings)
         for entry in list(grid.ledger.entries())
     )
-    return counted(excursions, settings, chosen)
+    budget = grid.budget or Budget()
+
+    def check(size: int) -> None:
+        budget.check_held(
+            f"{printable(str(grid.path))}: counting excursions cell by cell",
+            size + besides,
+            "take a part of it: --window X0,Y0,X1,Y1",
+        )
+
+    return counted(excursions, settings, chosen, check)
 
 
 def counted_words(grid: Grid) -> str:
@@ -186,14 +237,14 @@ def overlays_of(
     x0, y0 = grid.lattice.corner_of(chosen.window.row0, chosen.window.column0)
     x1, y1 = grid.lattice.corner_of(chosen.window.row1, chosen.window.column1)
     window_m = (x0, y0, x1, y1)
-    points: list[tuple[Place, float]] = []
+    points = Points(chosen, grid.resolution)
     homes: dict[tuple[float, float], Place] = {}
-    tracks: dict[str, list[list[Place]]] = {}
+    tracks: dict[str, list[Track]] = {}
     if compose.MAP in look.layers:
         for entry, number, at in grid.ledger.places("corner", window_m):
             worst = max(at.rect.half_x, at.rect.half_y) / entry.model.max_error
             if worst < 1 and counts(entry, number):
-                points.append(((at.x, at.y), 1 - worst))
+                points.add((at.x, at.y), 1 - worst)
         last = None
         for entry, number, at in grid.ledger.places("pose"):
             tracks.setdefault(entry.robot, [])  # a colour of its own, whether it has come or not
@@ -203,12 +254,26 @@ def overlays_of(
                 if x0 <= at.x <= x1 and y0 <= at.y <= y1:
                     near = (round(at.x / HOME_M), round(at.y / HOME_M))
                     homes.setdefault(near, (at.x, at.y))
-                tracks[entry.robot].append([])
+                if look.tracks:
+                    _check_tracks(grid, tracks)
+                    tracks[entry.robot].append(Track(chosen, grid.resolution))
                 last = entry
-            tracks[entry.robot][-1].append((at.x, at.y))
+            if look.tracks:
+                tracks[entry.robot][-1].add((at.x, at.y))
     truth = read_truth(look.truth, Limits()).walls if look.truth else ()
-    shown_tracks = sorted(tracks.items()) if look.tracks else []
-    return Overlays(points, list(homes.values()), shown_tracks, truth)
+    shown_tracks = [
+        (robot, [track.all() for track in some]) for robot, some in sorted(tracks.items())
+    ]
+    return Overlays(points.all(), list(homes.values()), shown_tracks if look.tracks else [], truth)
+
+
+def _check_tracks(grid: Grid, tracks: Mapping[str, Sequence[Track]]) -> None:
+    places = sum(len(track) for some in tracks.values() for track in some)
+    (grid.budget or Budget()).check_held(
+        f"{printable(str(grid.path))}: tracks through {plural(places, 'place')}",
+        places * PLACE_BYTES,
+        "take a part of it: --window X0,Y0,X1,Y1",
+    )
 
 
 def metadata(grid: Grid, look: Look, chosen: Raster) -> dict[str, str]:

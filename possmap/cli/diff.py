@@ -14,6 +14,7 @@ from possmap.cli import options
 
 if TYPE_CHECKING:
     from possmap.app.diff_summary import Cells, DiffSummary, ExcursionDiff
+    from possmap.files.budget import Budget
     from possmap.files.gridfile.ledger import Entry
     from possmap.files.setting_table import Value
 
@@ -32,6 +33,7 @@ _AT_LENGTH = 3
 @click.option(
     "--picture", type=click.Path(path_type=Path), metavar="OUT.png", help="Draw what changed."
 )
+@options.memory
 @options.overwrite
 @options.as_json
 @click.pass_context
@@ -43,6 +45,7 @@ def diff(
     largest: int,
     window: tuple[float, float, float, float] | None,
     picture: Path | None,
+    budget: Budget,
     overwrite: bool,
     as_json: bool,
 ) -> None:
@@ -58,7 +61,14 @@ def diff(
     if overwrite and picture is None:
         raise click.UsageError("--overwrite belongs to --picture.")
     found = compare(
-        a, b, largest=largest, window_m=window, picture=picture, overwrite=overwrite, progress=bar
+        a,
+        b,
+        largest=largest,
+        window_m=window,
+        picture=picture,
+        overwrite=overwrite,
+        progress=bar,
+        budget=budget,
     )
     click.echo(json.dumps(_as_json(found, picture)) if as_json else "\n".join(_as_text(found)))
     if picture is not None and found.picture and not as_json and not ctx.obj["quiet"]:

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from possmap.cli import options
+
+if TYPE_CHECKING:
+    from possmap.files.budget import Budget
 
 
 def _layer(name: str) -> str:
@@ -63,6 +67,7 @@ def _layers_like(begun: str) -> list[str]:
     help="What a .png shows: a view, or points.  [default: necessity]",
 )
 @options.base_rate
+@options.memory
 @options.overwrite
 @click.pass_context
 def export(
@@ -77,6 +82,7 @@ def export(
     layer: str | None,
     config: Path | None,
     base_rate: float | None,
+    budget: Budget,
     overwrite: bool,
 ) -> None:
     """Write a grid in a format that other programs read.
@@ -125,7 +131,7 @@ def export(
         )
     except ValueError as error:  # NaN lies in every range
         raise click.UsageError(str(error)) from error
-    done = write(grid, output, window, overwrite, choices)
+    done = write(grid, output, window, overwrite, choices, budget)
     if not ctx.obj["quiet"]:
         x, y = done.origin
         names = " and ".join(printable(str(path)) for path in done.outputs)

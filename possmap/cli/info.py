@@ -13,24 +13,32 @@ from possmap.cli import options
 
 if TYPE_CHECKING:
     from possmap.app.info import GridInfo
+    from possmap.files.budget import Budget
+    from possmap.files.gridfile.arrivals import Event
+    from possmap.files.gridfile.forgotten import Forgotten
     from possmap.files.gridfile.ledger import Entry
 
 
 @click.command(epilog="Example: possmap info site.possmap")
 @options.grid_argument
+@options.memory
 @options.as_json
-def info(grid: Path, as_json: bool) -> None:
+def info(grid: Path, budget: Budget, as_json: bool) -> None:
     """Say what a grid holds: size, settings, robots, excursions, and its digest.
 
     Two grids of the same evidence have one digest, in whatever order the logs came.
     """
     from possmap.app.info import info as look
 
-    found = look(grid)
+    found = look(grid, budget)
     click.echo(json.dumps(_as_json(found)) if as_json else "\n".join(_as_text(found)))
 
 
 def _as_json(found: GridInfo) -> dict[str, Any]:
+    from possmap.cli.forget import as_told
+    from possmap.files.gridfile.arrivals import Again, Part
+
+    events = found.events_by_excursion()
     return {
         "grid": str(found.grid),
         "digest": found.digest,
@@ -50,22 +58,31 @@ def _as_json(found: GridInfo) -> dict[str, Any]:
                 "records": one.records,
                 "model": _own(found, one),
                 "parts": [
-                    {
-                        "first": arrival.part.first,
-                        "count": arrival.part.count,
-                        "carried_by": arrival.part.carrier,
-                        "source": arrival.part.origin.name,
-                        "sha256": arrival.part.origin.sha256,
-                        "size": arrival.part.origin.size,
-                        "fused_at": arrival.fused_at,
-                        "version": arrival.version,
-                    }
-                    for arrival in found.arrivals
-                    if (arrival.robot, arrival.excursion) == one.name
+                    {"first": event.what.first, "count": event.what.count, **_came(event)}
+                    for event in events.get(one.name, ())
+                    if isinstance(event.what, Part)
+                ],
+                "again": [
+                    {"count": event.what.end, **_came(event)}
+                    for event in events.get(one.name, ())
+                    if isinstance(event.what, Again)
                 ],
             }
             for one in found.excursions
         ],
+        "forgotten": [as_told(one) for one in found.forgotten],
+    }
+
+
+def _came(event: Event) -> dict[str, Any]:
+    what = event.what
+    return {
+        "carried_by": what.carrier,
+        "source": what.origin.name,
+        "sha256": what.origin.sha256,
+        "size": what.origin.size,
+        "fused_at": event.fused_at,
+        "version": event.version,
     }
 
 
@@ -81,6 +98,7 @@ def _own(found: GridInfo, entry: Entry) -> dict[str, float]:
 
 def _as_text(found: GridInfo) -> list[str]:
     from possmap.errors import plural, printable
+    from possmap.files.gridfile.arrivals import Part
     from possmap.files.setting_table import SHAPING
     from possmap.files.settings import Settings, flat_evidence, scalar
 
@@ -111,13 +129,24 @@ def _as_text(found: GridInfo) -> list[str]:
         if name not in SHAPING
     ]
     lines += ["settings    " + (", ".join(changed) or "the paper's, all of them")]
+    lines += [f"forgotten   {_forgotten(one)}" for one in found.forgotten]
+    events = found.events_by_excursion()
     for one in found.excursions:
         own = ", ".join(f"{name} {scalar(value)}" for name, value in _own(found, one).items())
         line = f"  {one.robot} {one.excursion}: {plural(one.records, 'record')}"
         lines += [f"{line}, its own {own}" if own else line]
-        for arrival in found.arrivals:
-            if (arrival.robot, arrival.excursion) == one.name:
-                part = arrival.part
+        for event in events.get(one.name, ()):
+            part = event.what
+            if isinstance(part, Part):
                 carrier = f", carried by {' '.join(part.carrier)}" if part.carrier else ""
                 lines += [f"    {part.count} from {printable(part.origin.name)}{carrier}"]
     return lines
+
+
+def _forgotten(one: Forgotten) -> str:
+    from possmap.errors import plural
+
+    return (
+        f"{one.title}, {one.forgotten_at}: {plural(one.records, 'record')} of "
+        f"{plural(one.excursions, 'excursion')}"
+    )

@@ -26,7 +26,11 @@ COMMANDS = {
     "info": "Say what a grid holds: size, settings, robots, digest.",
     "query": "Say what is known of one point, and which records say so.",
     "diff": "Say in what two grids differ, and draw it.",
+    "audit": "Say which robots and excursions contradict the others most.",
+    "forget": "Take evidence out of a grid, as if it had never come.",
     "export": "Write a grid in a format that other programs read.",
+    "verify": "Look whether a grid file is whole and what its ledger says.",
+    "repair": "Make a new grid from the ledger of a damaged one.",
     "check": "Validate logs and say what is in them.",
     "config": "Print the settings in force, as YAML to edit and give back.",
 }
@@ -82,6 +86,10 @@ class _Lazy(click.Group):
 def _print_version(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
     if asked and not ctx.resilient_parsing:
         click.echo(f"possmap {version()}")
+        if ctx.params.get("verbose"):
+            from possmap.core.kernel import description  # imports NumPy
+
+            click.echo(f"kernel: {description()}")
         ctx.exit()
 
 
@@ -90,15 +98,15 @@ def _print_version(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Example: possmap fuse data/json -g site.possmap",
 )
-@click.option("-v", "--verbose", count=True, help="Say more on stderr.")
+# Eager, so that --version knows of it wherever it stands.
+@click.option("-v", "--verbose", count=True, is_eager=True, help="Say more on stderr.")
 @click.option("-q", "--quiet", is_flag=True, help="Say only what is wrong.")
 @click.option(
     "--version",
     is_flag=True,
-    is_eager=True,
     expose_value=False,
     callback=_print_version,
-    help="Print the version.",
+    help="Print the version; with -v, also which kernel runs.",
 )
 @click.pass_context
 def main(ctx: click.Context, verbose: int, quiet: bool) -> None:

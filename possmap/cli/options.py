@@ -10,6 +10,7 @@ import click
 
 if TYPE_CHECKING:
     from possmap.app.settings import Request
+    from possmap.files.budget import Budget
     from possmap.files.setting_table import GivenSettings
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -41,6 +42,32 @@ window = click.option(
     callback=lambda ctx, param, value: _window(value),
     help="Only this rectangle, in metres.  [default: all that holds evidence]",
 )
+
+
+def _budget(ctx: click.Context, param: click.Parameter, mib: int) -> Budget:
+    from possmap.files.budget import Budget
+
+    try:
+        return Budget(mib)
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from None
+
+
+def memory_of(default: int, each: str = "") -> Callable[[F], F]:
+    """Add ``--memory``, which becomes ``budget``."""
+    return click.option(
+        "--memory",
+        "budget",
+        type=int,
+        default=default,
+        show_default=True,
+        metavar="MIB",
+        callback=_budget,
+        help=f"Memory that the command{each} may take; what does not fit is refused.",
+    )
+
+
+memory = memory_of(1024)
 
 
 def base_rate(command: F) -> F:

@@ -5,10 +5,14 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from possmap.cli import options
+
+if TYPE_CHECKING:
+    from possmap.files.budget import Budget
 
 
 def _coordinate(ctx: click.Context, param: click.Parameter, value: float) -> float:
@@ -38,9 +42,16 @@ class _WithNumbers(click.Command):
 @click.argument("x", type=float, callback=_coordinate)
 @click.argument("y", type=float, callback=_coordinate)
 @options.base_rate
+@options.memory
 @options.as_json
 def query(
-    grid: Path, x: float, y: float, config: Path | None, base_rate: float | None, as_json: bool
+    grid: Path,
+    x: float,
+    y: float,
+    config: Path | None,
+    base_rate: float | None,
+    budget: Budget,
+    as_json: bool,
 ) -> None:
     """Say what is known of the point (X, Y), in metres, and which records say so.
 
@@ -49,7 +60,7 @@ def query(
     """
     from possmap.app.query import query as ask
 
-    report = ask(grid, x, y, options.chosen_base_rate(config, base_rate))
+    report = ask(grid, x, y, options.chosen_base_rate(config, base_rate), budget)
     if as_json:
         click.echo(json.dumps(asdict(report)))
         return

@@ -14,6 +14,7 @@ from possmap.cli import options
 
 if TYPE_CHECKING:
     from possmap.app.render import Look
+    from possmap.files.budget import Budget
 
 LAYERS = (
     "map", "necessity", "possibility", "ignorance", "conflict", "probability", "points", "coverage",
@@ -98,6 +99,7 @@ def _palette(ctx: click.Context, _: click.Parameter, name: str) -> str:
 @click.option("--frame-ms", type=click.IntRange(10, 60000), help="Time of a frame.  [default: 400]")
 @click.option("--show", is_flag=True, help="Print a preview in the terminal; -o is not needed.")
 @options.base_rate
+@options.memory
 @options.overwrite
 @click.pass_context
 def render(
@@ -121,6 +123,7 @@ def render(
     show: bool,
     config: Path | None,
     base_rate: float | None,
+    budget: Budget,
     overwrite: bool,
 ) -> None:
     """Draw a grid as a picture.
@@ -160,7 +163,7 @@ def render(
         base_rate=options.chosen_base_rate(config, base_rate),
     )
     if show:
-        _show(grid, look)
+        _show(grid, look, budget)
     if output is None:
         return
     if animate is not None:
@@ -176,17 +179,18 @@ def render(
             frame_ms=frame_ms or 400,
             overwrite=overwrite,
             progress=bar,
+            budget=budget,
         )
     else:
         from possmap.app.render import render as draw
 
-        done = draw(grid, output, look, overwrite)
+        done = draw(grid, output, look, overwrite, budget)
     if not ctx.obj["quiet"]:
         film = f", {plural(done.frames, 'frame')}" if animate else ""
         click.echo(f"{printable(str(done.output))}: {done.width} x {done.height} pixels{film}")
 
 
-def _show(grid: Path, look: Look) -> None:
+def _show(grid: Path, look: Look, budget: Budget) -> None:
     from possmap.app.preview import Depth, preview
 
     size = shutil.get_terminal_size((80, 24))
@@ -195,4 +199,4 @@ def _show(grid: Path, look: Look) -> None:
     full = os.environ.get("COLORTERM") in ("truecolor", "24bit")
     lines = max(8, size.lines - 2)
     depth: Depth = ("24 bits" if full else "256") if colour else "none"
-    click.echo(preview(grid, look, size.columns, lines, depth), color=colour or None)
+    click.echo(preview(grid, look, size.columns, lines, depth, budget), color=colour or None)

@@ -47,7 +47,7 @@ def replacing_all(paths: Sequence[Path], overwrite: bool) -> Iterator[Sequence[B
         targets = [path.resolve() for path in paths]  # of a link, what it points to
         if len(set(targets)) < len(targets):
             raise OutputError(f"{name}: lead to one file, expected {len(targets)}")
-        besides = [_beside(target) for target in targets]
+        besides = [name_beside(target) for target in targets]
         try:
             with ExitStack() as opened:
                 yield [opened.enter_context(_created(beside)) for beside in besides]
@@ -60,7 +60,7 @@ def replacing_all(paths: Sequence[Path], overwrite: bool) -> Iterator[Sequence[B
         raise OutputError(f"{name}: cannot be written: {error.strerror or error}") from error
 
 
-def _beside(target: Path) -> Path:
+def name_beside(target: Path) -> Path:
     """Return a name in the same folder that nothing has."""
     return target.with_name(f".{target.name[:40]}.{secrets.token_hex(4)}")
 
@@ -100,7 +100,7 @@ def _kept(target: Path) -> Path | None:
     """Keep what has a name now under another one too; None if there is nothing to keep."""
     if not target.exists():
         return None
-    kept = _beside(target)
+    kept = name_beside(target)
     try:
         os.link(target, kept)
     except OSError:  # not every file system has links

@@ -52,7 +52,9 @@ def indices(scene: Scene, name: str, chosen: Raster) -> tuple[Indices, int]:
         return layers.drawn(LAYERS[name], scene.cells, chosen, scene.base_rate), 1
     counts = _counts(scene, chosen)
     most = max(1, int(counts.max(initial=0)))
-    index = np.where(counts == 0, UNKNOWN_INDEX, counts * (LEVELS - 1) // most).astype(np.uint8)
+    index: Indices = np.empty(counts.shape, dtype=np.uint8)
+    for line, row in zip(index, counts, strict=True):
+        line[:] = np.where(row == 0, UNKNOWN_INDEX, row * (LEVELS - 1) // most)
     return index, most
 
 

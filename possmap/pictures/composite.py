@@ -6,17 +6,22 @@ is coloured by their shares; one with N > Π, which no probability satisfies, ha
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from possmap.core.evidence import Layer
 from possmap.core.fusion import necessity_of, possibility_of
+from possmap.core.patches import Crop
 from possmap.pictures import palettes
-from possmap.pictures.layers import Cells, Indices
+from possmap.pictures.layers import Cells, Indices, by_bands, patches
 from possmap.pictures.palettes import Table
-from possmap.pictures.raster import Blocks, Raster
+from possmap.pictures.raster import Raster
+
+Integers: TypeAlias = NDArray[np.integer]
 
 UNKNOWN = 0
 CONTRADICTED = 1
@@ -31,31 +36,60 @@ def drawn(cells: Cells, raster: Raster) -> Indices:
 
     A block has its cells' largest N and smallest Π, and is contradicted if one of them is.
     """
+    return by_bands(raster, lambda band: _drawn(cells, band))
+
+
+def _drawn(cells: Cells, raster: Raster) -> Indices:
     n, denied, point, crossed = (np.zeros(raster.blocks, dtype=np.uint8) for _ in range(4))
-    for window in cells.areas(raster.window):
-        blocks = raster.blocks_of(window)
 
-        def raise_to(whole: Indices, values: Indices, blocks: Blocks = blocks) -> None:
-            target = whole[blocks.where]
-            np.maximum(target, values, out=target)
-
-        weights = cells.read_window(Layer.WALLS, window).astype(np.int64, copy=False)
-        denials = cells.read_window(Layer.FREE, window).astype(np.uint16, copy=False)
-        points = cells.read_window(Layer.POINTS, window).astype(np.int64, copy=False)
-        both = (weights != 0) & (denials != 0)
-        contradicted = np.zeros(window.shape, dtype=np.uint8)
-        contradicted[both] = necessity_of(weights[both]) > possibility_of(denials[both])
-        raise_to(crossed, blocks.largest(contradicted))
+    def raise_to(whole: Indices, crop: Crop, level: Callable[[Integers], Indices]) -> None:
         # Blocks are formed of the stored integers: there are fewer of them to turn into N and Π.
-        raise_to(n, _eight_bits(necessity_of(blocks.largest(weights))))
-        raise_to(denied, _eight_bits(1 - possibility_of(blocks.largest(denials))))
-        raise_to(point, _eight_bits(necessity_of(blocks.largest(points))))
+        blocks = raster.blocks_of(crop.window)
+        target = whole[blocks.where]
+        cells: Integers = crop.cells
+        np.maximum(target, level(blocks.largest(cells)), out=target)
+
+    for patch in patches(cells, raster.window):
+        for layer, whole, level in (
+            (Layer.WALLS, n, _necessity),
+            (Layer.FREE, denied, _denial),
+            (Layer.POINTS, point, _necessity),
+        ):
+            if layer in patch:
+                raise_to(whole, patch[layer], level)
+        if Layer.WALLS in patch and Layer.FREE in patch:
+            both = _contradicted(patch[Layer.WALLS], patch[Layer.FREE])
+            if both is not None:
+                raise_to(crossed, both, lambda marks: marks.astype(np.uint8))
     index = _lookup()[denied, n]
     is_point = point > np.maximum(n, denied)
-    level = point[is_point].astype(np.int64)  # 8 bits would overflow
-    index[is_point] = _POINT + level * (_POINT_LEVELS - 1) // 255
+    level_of_point = point[is_point].astype(np.int64)  # 8 bits would overflow
+    index[is_point] = _POINT + level_of_point * (_POINT_LEVELS - 1) // 255
     index[crossed != 0] = CONTRADICTED
-    return index[::-1]
+    return index
+
+
+def _contradicted(walls: Crop, free: Crop) -> Crop | None:
+    """Mark the cells of two layers with N > Π, or None if there are none."""
+    shared = walls.window.intersection(free.window)
+    if not shared.cells:
+        return None
+    weights = walls.cells[shared.slices_in(walls.window)].astype(np.int64, copy=False)
+    denials = free.cells[shared.slices_in(free.window)].astype(np.uint16, copy=False)
+    both = (weights != 0) & (denials != 0)
+    if not both.any():
+        return None
+    marks = np.zeros(shared.shape, dtype=np.uint16)
+    marks[both] = necessity_of(weights[both]) > possibility_of(denials[both])
+    return Crop(shared, marks)
+
+
+def _necessity(weights: Integers) -> Indices:
+    return _eight_bits(necessity_of(weights.astype(np.int64, copy=False)))
+
+
+def _denial(denials: Integers) -> Indices:
+    return _eight_bits(1 - possibility_of(denials.astype(np.uint16, copy=False)))
 
 
 def _eight_bits(value: NDArray[np.float64]) -> Indices:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Protocol, TypeAlias
+from typing import Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from possmap.core import views
 from possmap.core.evidence import Layer
 from possmap.core.fusion import LayerArray, necessity_of, possibility_of
 from possmap.core.lattice import Window
+from possmap.core.patches import Crop, Patch, extent_of, spread
 from possmap.core.views import CellArray
 from possmap.pictures.raster import Raster
 
@@ -33,6 +34,23 @@ class Cells(Protocol):
 
     def read_window(self, layer: Layer, window: Window) -> LayerArray:
         """Return one layer of a window; what is not known is 0."""
+
+
+@runtime_checkable
+class Patchwork(Protocol):
+    """Cells that can be had without what lies between them, which is most of a large map."""
+
+    def patches(self, window: Window) -> Iterator[Patch]:
+        """Yield what is known of a window, a few tiles at a time."""
+
+
+def patches(cells: Cells, window: Window) -> Iterator[Patch]:
+    """Yield what is known of a window, in pieces small enough for memory."""
+    if isinstance(cells, Patchwork):
+        yield from cells.patches(window)
+    else:
+        for area in cells.areas(window):
+            yield {layer: Crop(area, cells.read_window(layer, area)) for layer in Layer}
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,18 +109,28 @@ LAYERS: Mapping[str, PictureLayer] = MappingProxyType(
 
 def drawn(layer: PictureLayer, cells: Cells, raster: Raster, base_rate: float) -> Indices:
     """Return a layer's palette indices: 0 … 254 for values 0 … 1, 255 where nothing is known."""
-    rank = _ranks(layer, cells, raster, base_rate, LEVELS)
-    found: Indices = _level_of_rank(layer, LEVELS, UNKNOWN_INDEX)[rank[::-1]]
-    return found
+    table = _level_of_rank(layer, LEVELS, UNKNOWN_INDEX)
+    return by_bands(raster, lambda band: table[_ranks(layer, cells, band, base_rate, LEVELS)])
 
 
 def drawn_gray(layer: PictureLayer, cells: Cells, raster: Raster, base_rate: float) -> Indices:
     """Return a layer as round(255·v), without a tone for what is unknown: numbers to read back."""
-    rank = _ranks(layer, cells, raster, base_rate, 256)
     nothing, open_ = np.zeros(1), np.ones(1)
     unknown = int(np.rint(255 * layer.value(nothing, open_, nothing, base_rate))[0])
-    found: Indices = _level_of_rank(layer, 256, unknown)[rank[::-1]]
-    return found
+    table = _level_of_rank(layer, 256, unknown)
+    return by_bands(raster, lambda band: table[_ranks(layer, cells, band, base_rate, 256)])
+
+
+def by_bands(raster: Raster, draw: Callable[[Raster], Indices]) -> Indices:
+    """Return a picture drawn in bands of rows, so that what is in work is small beside it.
+
+    draw : returns the indices of a band, the first row the lowest y, which the picture turns round.
+    """
+    whole: Indices = np.empty(raster.blocks, dtype=np.uint8)
+    upright = whole[::-1]
+    for first, band in raster.bands():
+        upright[first : first + band.blocks[0]] = draw(band)
+    return whole
 
 
 def _level_of_rank(layer: PictureLayer, levels: int, unknown: int) -> Indices:
@@ -124,10 +152,11 @@ def _ranks(
     """
     dtype = np.uint8 if levels < 256 else np.uint16
     found: NDArray[np.unsignedinteger] = np.zeros(raster.blocks, dtype=dtype)
-    for window in cells.areas(raster.window):
-        weights = cells.read_window(Layer.WALLS, window).astype(np.int64, copy=False)
-        denials = cells.read_window(Layer.FREE, window).astype(np.uint16, copy=False)
-        points = cells.read_window(Layer.POINTS, window).astype(np.int64, copy=False)
+    for patch in patches(cells, raster.window):
+        window = extent_of(patch)
+        weights = spread(patch, Layer.WALLS, window).astype(np.int64, copy=False)
+        denials = spread(patch, Layer.FREE, window).astype(np.uint16, copy=False)
+        points = spread(patch, Layer.POINTS, window).astype(np.int64, copy=False)
         known = (weights != 0) | (denials != 0) | (points != 0)
         value = layer.value(
             necessity_of(weights[known]),

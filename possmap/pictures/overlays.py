@@ -18,6 +18,8 @@ Place = tuple[float, float]
 _FINE = 2
 """Lines are drawn so much larger and then reduced: smooth, without a drawing library."""
 _FINE_PIXELS = 16_000_000
+_STRIP = 256
+"""Rows that are reduced together [pixels]."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,9 @@ def paint(image: Image.Image, overlays: Overlays, raster: Raster, resolution: fl
         circle = (x - radius, y - radius, x + radius, y + radius)
         draw.ellipse(circle, (*palettes.PAPER, ground), (*palettes.INK, 255), fine)
         draw.text((x, y), "I", (*palettes.INK, 255), font(round(1.5 * radius)), "mm")
-    if fine > 1:
-        sheet = sheet.resize((width, height), Image.Resampling.BOX)
-    image.paste(sheet, (0, 0), sheet)
+    for top in range(0, height, _STRIP):  # reducing takes as much again as what is reduced
+        bottom = min(height, top + _STRIP)
+        part = sheet.crop((0, top * fine, width * fine, bottom * fine))
+        if fine > 1:
+            part = part.resize((width, bottom - top), Image.Resampling.BOX)
+        image.paste(part, (0, top), part)

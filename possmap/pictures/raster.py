@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from possmap.core.lattice import Window
+from possmap.core.lattice import TILE, Window
 from possmap.errors import OutputError
 
 MOST_PIXELS = 100_000_000
 """A picture larger than this is refused."""
+
+_BAND_BLOCKS = 1 << 22
+"""Blocks that are drawn together."""
 
 N = TypeVar("N", bound=np.generic)
 
@@ -51,6 +55,20 @@ class Raster:
         per_metre = self.pixels_per_metre(resolution)
         x0, y1 = self.window.column0 * resolution, self.window.row1 * resolution
         return (x - x0) * per_metre, (y1 - y) * per_metre
+
+    def bands(self) -> Iterator[tuple[int, Raster]]:
+        """Yield bands of rows from the lowest, each with its first row of blocks."""
+        rows, columns = self.blocks
+        height = max(1, _BAND_BLOCKS // max(1, columns))
+        # As high as whole tiles where it can be, so that each tile is read once.
+        height = max(TILE, height // TILE * TILE) if self.shrink == 1 else height
+        for first in range(0, rows, height):
+            end = min(rows, first + height)
+            row0 = self.window.row0
+            window = replace(
+                self.window, row0=row0 + first * self.shrink, row1=row0 + end * self.shrink
+            )
+            yield first, replace(self, window=window)
 
     def blocks_of(self, part: Window) -> Blocks:
         """Return which blocks some cells of the window belong to."""

@@ -80,7 +80,10 @@ def test_the_defaults_are_the_papers() -> None:
         "base_rate": 0.5,
         "limit_file_mib": 64.0,
         "limit_nesting": 16,
+        "limit_file_objects": 2000000,
+        "limit_file_excursions": 100000,
         "limit_record_cells": 10**8,
+        "limit_file_cells": 10**10,
         "transaction_records": 20000,
         "robots": {},
     }

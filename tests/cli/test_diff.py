@@ -69,7 +69,7 @@ def unread(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object) -> None:
         raise AssertionError("a cell was read")
 
-    monkeypatch.setattr(TilePairs, "read", fail)
+    monkeypatch.setattr(TilePairs, "row", fail)
 
 
 def refused(result: Result, code: int = 1) -> str:

@@ -87,6 +87,7 @@ def test_json_tells_the_same(tmp_path: Path) -> None:
         "file_size": grid.stat().st_size,
         "records": 8,
         "robots": ["r1", "r2"],
+        "forgotten": [],
     }
     assert (stored["resolution"], stored["robots.r2.drift"]) == (0.1, 0.001)
     assert (stored["free_along_walls"], stored["turn_spread"]) == (False, 2.0)
@@ -107,6 +108,21 @@ def test_json_tells_the_same(tmp_path: Path) -> None:
         "version": version(),
     }
     assert (own["first"], own["count"], own["carried_by"]) == (3, 1, None)
+    assert [one["again"] for one in excursions] == [[], []]
+
+
+def test_json_tells_of_files_that_held_what_was_known(tmp_path: Path) -> None:
+    grid = fused(tmp_path, *reversed(team()))
+    one, other = json.loads(run("info", grid, "--json").stdout)["excursions"]
+    assert (one["robot"], one["parts"][0]["count"], other["again"]) == ("r2", 4, [])
+    (again,) = one["again"]
+    assert (again["count"], again["carried_by"], again["source"]) == (
+        3,
+        ["r1", "a"],
+        str(tmp_path / "1.json"),
+    )
+    assert f"    4 from {tmp_path / '0.json'}\n" in run("info", grid).stdout
+    assert "    3 from" not in run("info", grid).stdout
 
 
 def test_an_empty_grid_holds_nothing(tmp_path: Path) -> None:

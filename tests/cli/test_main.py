@@ -14,6 +14,7 @@ from click.testing import CliRunner, Result
 
 import possmap.app.info
 from possmap.cli.main import COMMANDS, main
+from possmap.core import kernel
 from possmap.errors import PossmapError
 
 ROOT = Path(__file__).parents[2]
@@ -83,6 +84,14 @@ def test_the_version_is_that_of_the_package() -> None:
     assert (result.stdout, result.exit_code) == (f"possmap {version('possmap')}\n", 0)
 
 
+@pytest.mark.parametrize("options", [("--version", "-v"), ("-v", "--version")])
+def test_with_v_the_version_says_which_kernel_runs(options: tuple[str, str]) -> None:
+    result = run(*options)
+    kind = "compiled (C" if kernel.COMPILED else "plain (NumPy"
+    kernel_line = f"kernel: {kind}, 16-bit integers)"
+    assert result.stdout.splitlines() == [f"possmap {version('possmap')}", kernel_line]
+
+
 def test_without_a_command_the_help_is_shown_as_wrong_usage() -> None:
     result = run()
     assert "Commands:" in result.output and result.exit_code == 2
@@ -101,7 +110,7 @@ def test_an_unknown_command_is_wrong_usage_with_a_guess(name: str, guess: str) -
 def test_an_error_of_the_input_is_one_line_and_exit_1(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    def refuse(path: Path) -> None:
+    def refuse(path: Path, *more: object) -> None:
         raise PossmapError("this file is odd")
 
     monkeypatch.setattr(possmap.app.info, "info", refuse)
@@ -112,7 +121,7 @@ def test_an_error_of_the_input_is_one_line_and_exit_1(
 
 
 def test_a_bug_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    def stumble(path: Path) -> None:
+    def stumble(path: Path, *more: object) -> None:
         raise ZeroDivisionError("a bug")
 
     monkeypatch.setattr(possmap.app.info, "info", stumble)

@@ -47,7 +47,7 @@ def outlines(cells: Mapping[tuple[int, int], tuple[float, float]]) -> list[Polyg
 @given(grids, st.sampled_from([1 << 22, 3000]))
 def test_single_cells_lie_where_they_are(cells: Pairs, at_once: int) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(shapes, "_AT_ONCE", at_once)
+        patch.setattr(shapes, "_BAND_CELLS", at_once)
         found = outlines(cells)
     area = 0
     for polygon in found:
@@ -75,7 +75,7 @@ def test_a_room_across_four_tiles_is_one_outline_with_one_hole() -> None:
 def test_more_rows_or_columns_than_fit_in_memory_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(shapes, "_AT_ONCE", 600)
+    monkeypatch.setattr(shapes, "_MOST_IN_A_LINE", 600)
     cells = {(0, column): (1.0, 1.0) for column in (0, 300, 600)}
     for name, some in (("wide", cells), ("high", {(c, r): pair for (r, c), pair in cells.items()})):
         grid = write_grid(tmp_path / f"{name}.possmap", some)

@@ -26,8 +26,8 @@ from possmap.core.lattice import TILE, TileKey, Window, tile_window
 from possmap.core.settings import NO_ROBOTS, EvidenceSettings
 from possmap.errors import OutputError
 from possmap.files.atomic import replacing
+from possmap.files.gridfile.encoding import decode, encode
 from possmap.files.gridfile.grid import Grid
-from possmap.files.gridfile.tiles import decode, encode
 from possmap.files.limits import Limits
 from possmap.files.logs import read_log
 
@@ -196,6 +196,35 @@ def test_a_wall_of_two_thousand_kilometres_is_refused_at_once(tmp_path: Path) ->
     (log,) = possmap.fuse(paths, tmp_path / "site.possmap").logs
     assert time.perf_counter() - start < 1
     assert log.status == "refused" and "(setting limit_record_cells)" in str(log.error)
+
+
+def test_many_records_that_touch_much_are_refused_together(tmp_path: Path) -> None:
+    walls = [
+        {"seq": n, "kind": "wall", "x": -1e5, "y": 0.01, "x2": 1e5, "y2": n / 100}
+        for n in range(1, 2001)
+    ]
+    pose = bump()["records"][0]
+    records = [pose, *walls, {**pose, "seq": 2001}]
+    paths = write_logs(tmp_path / "logs", [bump(records=records), bump(robot="other")])
+    grid = tmp_path / "site.possmap"
+    start = time.perf_counter()
+    large, small = possmap.fuse(paths, grid).logs
+    assert time.perf_counter() - start < 5
+    assert str(large.error).startswith(f"{paths[0]}: its records touch up to ")
+    assert str(large.error).endswith("expected at most 1e+10 (setting limit_file_cells)")
+    assert (large.status, small.status) == ("refused", "fused")
+    with possmap.open_grid(grid) as opened:
+        assert [entry.robot for entry in opened.ledger.entries()] == ["other"]
+
+
+def test_a_ledger_may_hold_more_than_a_log(tmp_path: Path) -> None:
+    paths = write_logs(tmp_path / "logs", [bump()])
+    possmap.fuse(paths, tmp_path / "old.possmap")
+    limits = {"limit_file_cells": 1}
+    (log,) = possmap.fuse([*paths], tmp_path / "new.possmap", limits).logs
+    assert log.status == "refused"
+    (log,) = possmap.fuse([tmp_path / "old.possmap"], tmp_path / "new.possmap", limits).logs
+    assert log.status == "fused"
 
 
 # Ledger -----------------------------------------------------------------------------------------

@@ -128,10 +128,10 @@ def test_a_grid_cut_short_anywhere_is_refused_and_left_alone(tmp_path: Path) -> 
 
 def test_a_newer_format_is_refused_by_number(tmp_path: Path) -> None:
     grid = fused(tmp_path, bump())
-    change(grid, "PRAGMA user_version = 2")
+    change(grid, "PRAGMA user_version = 3")
     before = grid.read_bytes()
     for result in on_all(grid, tmp_path).values():
-        problem = "format 2 is newer than this program reads (1); install a newer possmap"
+        problem = "format 3 is newer than this program reads (2); install a newer possmap"
         assert (result.stderr, result.exit_code) == (f"possmap: {grid}: {problem}\n", 1)
     assert grid.read_bytes() == before
 

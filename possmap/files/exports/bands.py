@@ -14,7 +14,7 @@ from possmap.files.gridfile.grid import Grid
 
 Marks: TypeAlias = NDArray[np.bool_]
 
-MOST = 1 << 24
+MOST = 1 << 22
 """Cells of a band, at most: small numbers for them fit in memory beside floats for a few tiles."""
 
 

@@ -14,7 +14,7 @@ from possmap.files.exports.bands import bands
 from possmap.files.exports.job import Job, tidy
 
 COLUMNS = "row,column,x,y,necessity,possibility,points"
-_AT_ONCE = 1 << 20
+_AT_ONCE = 1 << 18
 """Cells that are looked at together: each may become a line, kept until its row is written."""
 
 

@@ -20,6 +20,8 @@ REACH = 2**15
 
 MOST_VOXELS = 20_000_000
 """More are not kept in memory."""
+_OCCUPIED_BYTES, _PROBABILITY_BYTES = 80, 200
+"""What a voxel takes; where many are alike, their branches are one."""
 
 
 def write_occupied(job: Job, streams: Sequence[BinaryIO]) -> None:
@@ -32,7 +34,7 @@ def write_occupied(job: Job, streams: Sequence[BinaryIO]) -> None:
     """
     choices = job.choices
     tree = _tree(job)
-    room = _Room(job)
+    room = _Room(job, _OCCUPIED_BYTES)
     for area in job.grid.tiles.areas(job.window):
         necessity, possibility = job.grid.necessity(area), job.grid.possibility(area)
         found = occupancy(necessity, possibility, choices.occupied, choices.free)
@@ -58,7 +60,7 @@ def write_probabilities(job: Job, streams: Sequence[BinaryIO]) -> None:
     tree = _tree(job)
     tree.setClampingThresMin(EDGE)
     tree.setClampingThresMax(1 - EDGE)
-    room = _Room(job)
+    room = _Room(job, _PROBABILITY_BYTES)
     for area in job.grid.tiles.areas(job.window):
         necessity, possibility = job.grid.necessity(area), job.grid.possibility(area)
         known = (necessity > 0) | (possibility < 1)
@@ -78,15 +80,18 @@ def write_probabilities(job: Job, streams: Sequence[BinaryIO]) -> None:
 class _Room:
     """Counts the voxels, so that memory does not run out."""
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: Job, each: int) -> None:
         self.taken = 0
         self._name = job.name
+        self._most, self._expected = MOST_VOXELS, "expected fewer; "
+        if job.grid.budget is not None:
+            self._most, self._expected = job.grid.budget.fewest(MOST_VOXELS, each)
 
     def take(self, voxels: int) -> None:
         self.taken += voxels
-        if self.taken > MOST_VOXELS:
+        if self.taken > self._most:
             raise OutputError(
-                f"{self._name}: more than {MOST_VOXELS:,} voxels, expected fewer; "
+                f"{self._name}: more than {self._most:,} voxels, {self._expected}"
                 "take a part of it: --window X0,Y0,X1,Y1"
             )
 

@@ -41,7 +41,7 @@ _PASSAGES = (
 
 
 class TooManyCornersError(Exception):
-    """An outline with more than MOST_CORNERS corners."""
+    """An outline with more corners than may be held in memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ class _Corners(NamedTuple):
     start: _Ints
 
 
-def polygons(width: int, bands: Iterable[Marks]) -> list[Polygon]:
+def polygons(width: int, bands: Iterable[Marks], most: int | None = None) -> list[Polygon]:
     """Return the outlines of marked cells, from the lowest; so rings begin at a lowest corner.
 
     Parameters
@@ -78,13 +78,15 @@ def polygons(width: int, bands: Iterable[Marks]) -> list[Polygon]:
         Columns of every band.
     bands
         The cells from the lowest row up, some rows at a time; only two bands' rows are in memory.
+    most
+        Corners; None: MOST_CORNERS.
 
     Raises
     ------
     TooManyCornersError
-        If there are more than MOST_CORNERS corners.
+        If there are more corners.
     """
-    corners = _corners(width, bands)
+    corners = _corners(width, bands, MOST_CORNERS if most is None else most)
     if not corners.row.size:
         return []
     across = _partners(corners.row, corners.column, corners.right)
@@ -101,7 +103,7 @@ def polygons(width: int, bands: Iterable[Marks]) -> list[Polygon]:
     return sorted(found.values(), key=lambda polygon: _low(polygon.shell[0]))
 
 
-def _corners(width: int, bands: Iterable[Marks]) -> _Corners:
+def _corners(width: int, bands: Iterable[Marks], most: int) -> _Corners:
     parts: list[_Corners] = []
     below = np.zeros((1, width), dtype=np.bool_)
     row, count = 0, 0
@@ -111,7 +113,7 @@ def _corners(width: int, bands: Iterable[Marks]) -> _Corners:
         part = _corners_of(row, np.pad(np.vstack([below, marks]), ((0, 0), (1, 1))))
         parts.append(part)
         count += part.row.size
-        if count > MOST_CORNERS:
+        if count > most:
             raise TooManyCornersError
 
     for marks in bands:

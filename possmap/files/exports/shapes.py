@@ -9,18 +9,19 @@ from numpy.typing import NDArray
 
 from possmap.core.lattice import TILE, Window
 from possmap.errors import OutputError
+from possmap.files.exports import outline
 from possmap.files.exports.bands import Marks, known
 from possmap.files.exports.job import Job, tidy
-from possmap.files.exports.outline import (
-    MOST_CORNERS,
-    Polygon,
-    Ring,
-    TooManyCornersError,
-    polygons,
-)
+from possmap.files.exports.outline import Polygon, Ring, TooManyCornersError, polygons
 
-_AT_ONCE = 1 << 22
-"""Cells that are looked at together; more rows or columns that hold evidence are too many."""
+_CORNER_BYTES = 500
+"""What a corner takes: in tables, in rings, and as text."""
+
+_BAND_CELLS = 1 << 20
+"""Cells that are looked at together."""
+
+_MOST_IN_A_LINE = 1 << 22
+"""More rows or columns that hold evidence are too many."""
 
 
 def outline_of_evidence(job: Job) -> list[Polygon]:
@@ -57,18 +58,21 @@ def _polygons(job: Job, marks: Callable[[Window], Marks]) -> list[Polygon]:
         tile_rows.add(area.row0 // TILE)
         tile_columns.update(range(area.column0 // TILE, -(-area.column1 // TILE)))
     longest = TILE * max(len(tile_rows), len(tile_columns))
-    if longest > _AT_ONCE:
+    if longest > _MOST_IN_A_LINE:
         raise OutputError(
-            f"{job.name}: evidence in {longest:,} rows or columns, expected at most {_AT_ONCE:,} "
-            "where outlines are drawn; take a part of it: --window X0,Y0,X1,Y1"
+            f"{job.name}: evidence in {longest:,} rows or columns, expected at most "
+            f"{_MOST_IN_A_LINE:,} where outlines are drawn; take a part of it: --window X0,Y0,X1,Y1"
         )
     columns = _borders(tile_columns, window.column0, window.column1)
     rows = _borders(tile_rows, window.row0, window.row1)
+    most, expected = outline.MOST_CORNERS, "expected fewer; "
+    if job.grid.budget is not None:
+        most, expected = job.grid.budget.fewest(most, _CORNER_BYTES)
     try:
-        found = polygons(len(columns) - 1, _bands(job, marks, rows, columns))
+        found = polygons(len(columns) - 1, _bands(job, marks, rows, columns), most)
     except TooManyCornersError:
         raise OutputError(
-            f"{job.name}: outlines of more than {MOST_CORNERS:,} corners, expected fewer; "
+            f"{job.name}: outlines of more than {most:,} corners, {expected}"
             "take a part of it: --window X0,Y0,X1,Y1"
         ) from None
     xs, ys = (columns - window.column0).tolist(), (rows - window.row0).tolist()
@@ -99,7 +103,7 @@ def _bands(
 ) -> Iterator[Marks]:
     """Yield the marks of the rows between borders, the lowest first, a few rows at a time."""
     width = len(columns) - 1
-    most = max(1, min(TILE, _AT_ONCE // width))
+    most = max(1, min(TILE, _BAND_CELLS // width))
     first = 0
     while first < len(rows) - 1:
         row = int(rows[first])

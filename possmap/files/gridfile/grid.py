@@ -19,8 +19,10 @@ from possmap.core.lattice import Lattice, Window
 from possmap.core.settings import EvidenceSettings, RobotModels
 from possmap.core.views import CellArray
 from possmap.errors import GridError, SettingsError, did_you_mean
+from possmap.files.budget import Budget
 from possmap.files.gridfile.database import Database
 from possmap.files.gridfile.ledger import Ledger
+from possmap.files.gridfile.soundness import Soundness
 from possmap.files.gridfile.tiles import TileStore
 from possmap.files.setting_table import SHAPING, Value, parse_setting
 from possmap.files.settings import assemble, flat_evidence
@@ -31,12 +33,22 @@ LATER: Mapping[str, Value] = MappingProxyType({"path_width": 0.0})
 MOST_CELLS = 10**9
 """More than these are never read at once."""
 
+_READING_KIB = 8192
+"""SQLite's cache where nothing is written: a larger one makes nothing faster."""
+_CELL_BYTES = 8
+
 
 class Grid:
     """An open grid file: a possibility/necessity map, with the ledger of what it was made of.
 
     Cells are addressed as (row, column) on a lattice anchored at (0, 0) m, row 0 at the lowest y;
     both may be negative. Use it as a context manager, or close it.
+
+    Parameters
+    ----------
+    budget
+        What bounds memory: SQLite's cache, and the arrays of a window; None: the cache as by
+        default, and any window of up to 10⁹ cells.
 
     Attributes
     ----------
@@ -53,9 +65,14 @@ class Grid:
         If the file is no grid, is damaged, or was written by a newer version.
     """
 
-    def __init__(self, path: Path | str, *, write: bool = False) -> None:
+    def __init__(
+        self, path: Path | str, *, write: bool = False, budget: Budget | None = None
+    ) -> None:
         self.path = Path(path)
-        self._database = Database(self.path, write)
+        self.budget = budget
+        cache_kib = (budget or Budget()).cache_kib
+        self._database = Database(self.path, write, cache_kib if write else _READING_KIB)
+        self._digest: tuple[tuple[int, int], str] | None = None
         self.ledger = Ledger(self._database)
         self.tiles = TileStore(self._database)
         if not write and self.is_new:
@@ -86,6 +103,11 @@ class Grid:
         return self._database.is_new()
 
     @property
+    def soundness(self) -> Soundness:
+        """What looks for faults."""
+        return Soundness(self._database)
+
+    @property
     def settings(self) -> EvidenceSettings:
         """The settings that shape evidence, those of the first fuse."""
         return assemble(self.stored_settings()).evidence
@@ -108,7 +130,13 @@ class Grid:
     @property
     def window(self) -> Window | None:
         """The smallest window that holds all evidence; None if there is none."""
-        return self.tiles.bounds()
+        return self.tiles.directory.bounds()
+
+    @property
+    def excursion_count(self) -> int:
+        """How many excursions the ledger holds."""
+        row = self._database.one("SELECT count(*) FROM excursion")
+        return int(row[0]) if row else 0
 
     def origin(self, window: Window | None = None) -> tuple[float, float]:
         """Return (x, y) [m] of the lower left corner of the first cell of a window, or of all."""
@@ -117,16 +145,20 @@ class Grid:
 
     def necessity(self, window: Window | None = None) -> CellArray:
         """Return N of each cell of a window, or of all evidence; shape (rows, columns)."""
-        return _frozen(necessity_of(self._weights(Layer.WALLS, window)))
+        return self._necessity(Layer.WALLS, window)
 
     def possibility(self, window: Window | None = None) -> CellArray:
         """Return Π of each cell of a window, or of all evidence; shape (rows, columns)."""
-        denials = self.tiles.read_window(Layer.FREE, self._chosen(window)).astype(np.uint16)
-        return _frozen(possibility_of(denials))
+        chosen = self._array_of(window)
+        found = np.ones(chosen.shape)
+        for crop in self.tiles.crops(Layer.FREE, chosen):
+            denials = crop.cells.astype(np.uint16, copy=False)
+            found[crop.window.slices_in(chosen)] = possibility_of(denials)
+        return _frozen(found)
 
     def points(self, window: Window | None = None) -> CellArray:
         """Return the necessity of a singular point in every cell; shape (rows, columns)."""
-        return _frozen(necessity_of(self._weights(Layer.POINTS, window)))
+        return self._necessity(Layer.POINTS, window)
 
     def view(self, name: str, window: Window | None = None, base_rate: float = 0.5) -> CellArray:
         """Return a view of METHOD §4 by its name (``possmap.VIEWS``); shape (rows, columns).
@@ -148,6 +180,12 @@ class Grid:
 
     def digest(self) -> str:
         """Return the digest, hexadecimal: two grids of the same evidence have one (METHOD §3)."""
+        state = self._database.state()
+        if self._digest is None or self._digest[0] != state:
+            self._digest = state, self._computed_digest()
+        return self._digest[1]
+
+    def _computed_digest(self) -> str:
         # A setting that came later and does as before leaves every digest as it was.
         telling = {
             name: value
@@ -156,7 +194,7 @@ class Grid:
         }
         shaping = json.dumps(telling, separators=(",", ":"))
         digest = hashlib.sha256(b"possmap grid 1\n" + shaping.encode() + b"\ntiles\n")
-        for tile_hash in self.tiles.hashes():
+        for tile_hash in self.tiles.directory.hashes():
             digest.update(tile_hash)
         digest.update(b"\nexcursions\n")
         for excursion_hash in self.ledger.hashes():
@@ -209,6 +247,10 @@ class Grid:
                     )
         self._store(flat_robots(robots))
 
+    def upgrade(self) -> None:
+        """Make of an older file one of the newest format, inside a transaction."""
+        self._database.upgrade()
+
     def _store(self, values: Mapping[str, Value]) -> None:
         self._database.many(
             "INSERT INTO setting (name, value) VALUES (?, ?)"
@@ -217,8 +259,14 @@ class Grid:
             ((name, json.dumps(value)) for name, value in values.items()),
         )
 
-    def _weights(self, layer: Layer, window: Window | None) -> np.ndarray[tuple[int, int]]:
-        return self.tiles.read_window(layer, self._chosen(window)).astype(np.int64)
+    def _necessity(self, layer: Layer, window: Window | None) -> CellArray:
+        # Tile by tile: the result itself is all that is as large as the window.
+        chosen = self._array_of(window)
+        found = np.zeros(chosen.shape)
+        for crop in self.tiles.crops(layer, chosen):
+            weights = crop.cells.astype(np.int64, copy=False)
+            found[crop.window.slices_in(chosen)] = necessity_of(weights)
+        return _frozen(found)
 
     def _chosen(self, window: Window | None) -> Window:
         if window is None:
@@ -230,6 +278,18 @@ class Grid:
         if window.cells > MOST_CELLS:
             raise ValueError(
                 f"{window.cells} cells, expected at most {MOST_CELLS}: read parts of it"
+            )
+        return window
+
+    def _array_of(self, window: Window | None) -> Window:
+        """Choose a window for an array, which must fit into the memory allowed."""
+        window = self._chosen(window)
+        if self.budget is not None:
+            rows, columns = window.shape
+            self.budget.check_held(
+                f"{self._database.name}: an array of {rows} × {columns} cells",
+                window.cells * _CELL_BYTES,
+                "read parts of it",
             )
         return window
 

@@ -3,61 +3,26 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass
-from operator import attrgetter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 from possmap.core.evidence import Geometry
-from possmap.core.fusion import Touched
 from possmap.core.lattice import TileKey
 from possmap.core.model import ErrorModel
 from possmap.core.propagation import ErrorRectangle
-from possmap.core.records import KIND_OF, KINDS, PartialMap, Pose
+from possmap.core.records import PartialMap
+from possmap.files.gridfile.arrivals import Arrival, Arrivals, Name, Part
 from possmap.files.gridfile.database import Database
+from possmap.files.gridfile.forgotten import ForgottenList
 from possmap.files.gridfile.rows import (
     GEOMETRY,
     RECORD_COLUMNS,
+    ExcursionRows,
     check_types,
-    columns_of,
-    excursion_hash,
-    geometry_row,
     record_of_row,
 )
-from possmap.files.logs.delivery import Origin
 
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """Some records of an excursion, and what brought them.
-
-    first, count : the records' numbers.
-    carrier : robot and excursion of the log that carried them; None for the robot's own.
-    """
-
-    first: int
-    count: int
-    origin: Origin
-    carrier: tuple[str, str] | None
-
-    def holds(self, number: int) -> bool:
-        """Whether it brought the record of that number."""
-        return self.first <= number < self.first + self.count
-
-
-@dataclass(frozen=True, slots=True)
-class Arrival:
-    """A part as the ledger remembers it.
-
-    fused_at : UTC, ISO 8601.
-    version : of the possmap that fused it.
-    """
-
-    robot: str
-    excursion: str
-    part: Part
-    fused_at: str
-    version: str
+__all__ = ["Arrival", "Entry", "Ledger", "Part"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,10 +45,20 @@ class Entry:
 
 
 class Ledger:
-    """The excursions of one grid file."""
+    """The excursions of one grid file.
+
+    Attributes
+    ----------
+    came
+        Which file brought which records.
+    forgotten
+        What was taken out, and is not let in.
+    """
 
     def __init__(self, database: Database) -> None:
         self._database = database
+        self.came = Arrivals(database)
+        self.forgotten = ForgottenList(database)
 
     def entry(self, name: tuple[str, str]) -> Entry | None:
         """Return an excursion by robot and name, or None if it is not known."""
@@ -95,10 +70,22 @@ class Ledger:
         """Yield the excursions in the order in which they were first fused."""
         return self._entries("ORDER BY id", ())
 
+    def identities(self) -> list[int]:
+        """Return the ids of all excursions, in the same order."""
+        return [
+            identity for (identity,) in self._database.all("SELECT id FROM excursion ORDER BY id")
+        ]
+
+    def entry_of(self, identity: int) -> Entry | None:
+        """Return an excursion by its id, or None if it is not known."""
+        for entry in self._entries("WHERE id = ?", (identity,)):
+            return entry
+        return None
+
     def _entries(self, clause: str, values: Sequence[object]) -> Iterator[Entry]:
         sql = f"SELECT id, robot, name, model, records FROM excursion {clause}"
         for identity, robot, name, model, records in self._database.all(sql, values):
-            with self._sound(f"excursion {name} of robot {robot}"):
+            with self._database.sound(f"excursion {name} of robot {robot}"):
                 check_types((robot, str), (name, str), (model, str), (records, int))
                 entry = Entry(identity, robot, name, ErrorModel(**json.loads(model)), records)
             yield entry
@@ -111,16 +98,13 @@ class Ledger:
         own_model, extra = row or ("{}", "")
         columns = ", ".join(f'"{column}"' for column in RECORD_COLUMNS)
         rows = self._database.all(
-            f"SELECT kind, {columns} FROM record WHERE excursion = ? ORDER BY number",
+            f"SELECT {columns}, kind FROM record WHERE excursion = ? ORDER BY number",
             (entry.identity,),
         )
-        with self._sound(f"excursion {entry.excursion} of robot {entry.robot}"):
+        with self._database.sound(f"excursion {entry.excursion} of robot {entry.robot}"):
             if len(rows) != entry.records:
                 raise ValueError(f"{len(rows)} records, expected {entry.records}")
-            records = tuple(
-                record_of_row(kind, dict(zip(RECORD_COLUMNS, values, strict=True)))
-                for kind, *values in rows
-            )
+            records = tuple(record_of_row(row[-1], row) for row in rows)
             model = tuple(sorted(json.loads(own_model).items()))
             return PartialMap(entry.robot, entry.excursion, model, records, extra)
 
@@ -136,10 +120,10 @@ class Ledger:
         for number, x, y, half_x, half_y, x2, y2, half_x2, half_y2, heading in self._database.all(
             sql, values
         ):
-            with self._sound(f"the place of record {number}"):
+            with self._database.sound(f"the place of record {number}"):
                 for value in (x, y, half_x, half_y, x2, y2, half_x2, half_y2):
                     check_types((value, float))
-                rect, rect2 = ErrorRectangle(half_x, half_y), ErrorRectangle(half_x2, half_y2)
+                rect, rect2 = _rectangle(half_x, half_y), _rectangle(half_x2, half_y2)
             yield number, Geometry(x, y, rect, x2, y2, rect2, heading)
 
     def places(
@@ -167,22 +151,18 @@ class Ledger:
             found.setdefault(identity, set()).add(number)
         return found
 
-    def arrivals(self, name: tuple[str, str] | None = None) -> Iterator[Arrival]:
+    def known_in(self, key: TileKey) -> list[int]:
+        """Return the ids of the excursions that touch a tile, sorted."""
+        found = self._database.all(
+            "SELECT DISTINCT excursion FROM touched WHERE tile_row = ? AND tile_column = ?"
+            " ORDER BY excursion",
+            key,
+        )
+        return [identity for (identity,) in found]
+
+    def arrivals(self, name: Name | None = None) -> Iterator[Arrival]:
         """Yield what brought each part, in the order of arrival; of one excursion, or of all."""
-        where = "" if name is None else "WHERE excursion.robot = ? AND excursion.name = ?"
-        for row in self._database.all(
-            "SELECT robot, excursion.name, first, count, carrier_robot, carrier_excursion,"
-            " source.name, sha256, size, fused_at, version FROM part"
-            " JOIN excursion ON excursion.id = part.excursion"
-            f" JOIN source ON source.id = part.source {where} ORDER BY part.id",
-            name or (),
-        ):
-            robot, excursion, first, count, by_robot, by_excursion, *origin, at, version = row
-            carrier = None if by_robot is None else (by_robot, by_excursion)
-            with self._sound(f"the arrivals of excursion {excursion} of robot {robot}"):
-                check_types((first, int), (count, int), (origin[0], str), (at, str))
-            part = Part(first, count, Origin(*origin), carrier)
-            yield Arrival(robot, excursion, part, at, version)
+        return self.came.parts(name)
 
     def hashes(self) -> Iterator[bytes]:
         """Yield the hash of every excursion, in canonical order."""
@@ -191,91 +171,50 @@ class Ledger:
                 raise self._database.damaged("the hash of an excursion")
             yield digest
 
-    @contextmanager
-    def _sound(self, what: str) -> Iterator[None]:
-        """Turn what cannot have been written so into the error that says it is damaged."""
-        try:
-            yield
-        except (ValueError, TypeError, KeyError) as error:
-            raise self._database.damaged(f"{what}: {error}") from error
-
-    def add_arrivals(
-        self, parts: Sequence[tuple[tuple[str, str], Part]], fused_at: str, version: str
-    ) -> None:
-        """Note what brought the records of excursions already added, in the order of arrival.
-
-        parts : robot and excursion, and the part; fused_at, version: as an arrival's.
-        """
-        sources: dict[Origin, int] = {}
-        for (robot, excursion), part in parts:
-            origin = part.origin
-            if origin not in sources:
-                sources[origin] = self._database.execute(
-                    "INSERT INTO source (name, sha256, size, fused_at, version)"
-                    " VALUES (?, ?, ?, ?, ?)",
-                    (origin.name, origin.sha256, origin.size, fused_at, version),
-                )
-            carrier = part.carrier or (None, None)
-            self._database.execute(
-                "INSERT INTO part"
-                " (excursion, first, count, source, carrier_robot, carrier_excursion)"
-                " SELECT id, ?, ?, ?, ?, ? FROM excursion WHERE robot = ? AND name = ?",
-                (part.first, part.count, sources[origin], *carrier, robot, excursion),
-            )
-
-    def add(
-        self,
-        version: PartialMap,
-        model: ErrorModel,
-        known_records: int,
-        geometry: Mapping[int, Geometry],
-        touched: Touched,
-    ) -> None:
-        """Write down a new excursion, or the later part of a known one.
-
-        Parameters
-        ----------
-        known_records
-            How many records the ledger holds already.
-        touched
-            Tiles and the numbers of the new records that touch them.
-        """
-        row = self._database.one(
+    def add(self, rows: ExcursionRows) -> None:
+        """Write down a new excursion, or the later part of a known one."""
+        found = self._database.one(
             "INSERT INTO excursion (robot, name, own_model, model, records, hash, extra)"
             " VALUES (?, ?, ?, ?, ?, ?, ?) ON CONFLICT (robot, name) DO UPDATE SET"
             " records = excluded.records, hash = excluded.hash, extra = excluded.extra"
             " RETURNING id",
-            (
-                version.robot, version.excursion, json.dumps(dict(version.model)),
-                json.dumps(asdict(model)), len(version.records),
-                excursion_hash(version, model), version.extra,
-            ),
-        )  # fmt: skip
-        identity = int(row[0]) if row else 0
-        # Records that waited for a pose lie on the map now: they are written again.
-        first = known_records
-        while first and not isinstance(version.records[first - 1], Pose):
-            first -= 1
-        for kind in KINDS.values():
-            columns = ["excursion", "number", "kind", *(c for _, c in columns_of(kind)), *GEOMETRY]
-            marks = ", ".join("?" * len(columns))
-            content = attrgetter(*(name for name, _ in columns_of(kind)))
-            names = ", ".join(f'"{column}"' for column in columns)
-            self._database.many(
-                f"INSERT OR REPLACE INTO record ({names}) VALUES ({marks})",
-                (
-                    (
-                        identity,
-                        number,
-                        KIND_OF[kind],
-                        *content(record),
-                        *geometry_row(geometry, number),
-                    )
-                    for number, record in enumerate(version.records[first:], first)
-                    if type(record) is kind
-                ),
-            )
+            rows.head,
+        )
+        identity = (int(found[0]) if found else 0,)
+        for statement, records in rows.records.items():
+            self._database.many(statement, [identity + row for row in records])
         self._database.many(
             "INSERT OR IGNORE INTO touched VALUES (?, ?, ?, ?)",
-            ((*key, identity, number) for key, number in sorted(touched)),
+            [(row, column, *identity, number) for row, column, number in rows.touched],
         )
+
+    def remove(self, entry: Entry, keys: Iterable[TileKey]) -> None:
+        """Drop an excursion and all that belongs to it, but for the files that it came by.
+
+        keys : the tiles that its records touch.
+        """
+        self.came.replace(entry.name, ())
+        self._bare(entry, keys)
+        self._database.execute("DELETE FROM excursion WHERE id = ?", (entry.identity,))
+
+    def rewrite(self, entry: Entry, keys: Iterable[TileKey], rows: ExcursionRows) -> None:
+        """Replace the records of an excursion by fewer of them.
+
+        keys : the tiles that its records touched so far; rows : all that it is to be.
+        """
+        self._bare(entry, keys)
+        self.add(rows)
+
+    def _bare(self, entry: Entry, keys: Iterable[TileKey]) -> None:
+        self._database.execute("DELETE FROM record WHERE excursion = ?", (entry.identity,))
+        self._database.many(
+            "DELETE FROM touched WHERE tile_row = ? AND tile_column = ? AND excursion = ?",
+            [(*key, entry.identity) for key in keys],
+        )
+
+
+def _rectangle(half_x: float, half_y: float) -> ErrorRectangle:
+    """Return a stored rectangle; ValueError if it cannot have been written so."""
+    if not (half_x >= 0 and half_y >= 0):  # phrased so that NaN is refused too
+        raise ValueError(f"half-widths must be >= 0 m, found {half_x}, {half_y}")
+    return ErrorRectangle(half_x, half_y)

@@ -6,8 +6,9 @@ from collections.abc import Iterator
 
 from possmap.core.difference import CellPair
 from possmap.core.evidence import Layer
-from possmap.core.fusion import TileLayers, blank
-from possmap.core.lattice import TileKey, Window, tile_window
+from possmap.core.fusion import TileLayers
+from possmap.core.lattice import TileKey, Window
+from possmap.core.patches import Patch, cropped, extent_of, joined, spread
 from possmap.files.gridfile.tiles import TileStore
 
 
@@ -22,34 +23,39 @@ class TilePairs:
 
     def rows(self) -> list[int]:
         """Return the rows of tiles in which A or B holds anything."""
-        return sorted({*self._a.rows(self._window), *self._b.rows(self._window)})
+        return sorted(
+            {row for store in (self._a, self._b) for row in store.directory.rows(self._window)}
+        )
 
-    def keys(self, row: int) -> Iterator[tuple[TileKey, bool]]:
-        """Yield a row's tiles that A or B holds, and whether they are the same in both.
+    def row(self, row: int) -> Iterator[tuple[TileKey | None, CellPair]]:
+        """Yield a row's tiles that A or B holds: first those that differ, each with its key.
 
-        Equal hashes tell: no cell is read.
+        Then the others, of which one is read for the two, and neighbours together. Equal hashes
+        tell: no cell is compared.
         """
-        a, b = (store.hashes_of_row(row, self._window) for store in (self._a, self._b))
-        for column in sorted(a.keys() | b.keys()):
-            yield TileKey(row, column), a.get(column) == b.get(column)
+        a, b = (store.directory.hashes_of_row(row, self._window) for store in (self._a, self._b))
+        equal = {column for column in a.keys() & b.keys() if a[column] == b[column]}
+        for column in sorted((a.keys() | b.keys()) - equal):
+            key = TileKey(row, column)
+            yield key, self.read(key)
+        if equal:
+            held = (one for one in self._a.row(row, self._window) if one[0] in equal)
+            for patch in joined(held):
+                window = extent_of(patch)
+                layers = _layers(patch, window)
+                yield None, CellPair(window, layers, layers, equal=True)
 
-    def read(self, key: TileKey, equal: bool = False) -> CellPair:
-        """Read one tile of both.
-
-        equal : it is known to be the same in both, so that one is read for the two.
-        """
-        window = tile_window(key).intersection(self._window)
-        a = _layers(self._a, key, window)
-        return CellPair(window, a, a if equal else _layers(self._b, key, window), equal)
+    def read(self, key: TileKey) -> CellPair:
+        """Read what either holds of one tile; what neither knows is left out."""
+        a, b = (cropped(store.patch(key), self._window) for store in (self._a, self._b))
+        held = [extent_of(patch) for patch in (a, b) if patch]
+        window = held[0].union(held[-1]) if held else _NOTHING
+        return CellPair(window, _layers(a, window), _layers(b, window), equal=False)
 
 
-_BLANK: TileLayers = {layer: blank(layer) for layer in Layer}
-for _array in _BLANK.values():
-    _array.flags.writeable = False
+_NOTHING = Window(0, 0, 0, 0)
 
 
-def _layers(store: TileStore, key: TileKey, window: Window) -> TileLayers:
-    """Return every layer of a tile within a window."""
-    held = store.read(key)
-    part = window.slices_in(tile_window(key))
-    return {layer: held.get(layer, _BLANK[layer])[part] for layer in Layer}
+def _layers(patch: Patch, window: Window) -> TileLayers:
+    """Return every layer of a patch over a window."""
+    return {layer: spread(patch, layer, window) for layer in Layer}

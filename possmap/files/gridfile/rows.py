@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import struct
-from collections.abc import Callable, Mapping
-from dataclasses import fields
-from operator import attrgetter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, fields
+from itertools import product
+from operator import attrgetter, itemgetter
+from typing import Any, NamedTuple, TypeAlias
 
 from possmap.core.evidence import Geometry
 from possmap.core.model import PARAMETERS, ErrorModel
-from possmap.core.records import KIND_OF, KINDS, PartialMap, Record
+from possmap.core.plan import Touched
+from possmap.core.records import KIND_OF, KINDS, Beam, PartialMap, Pose, Record, Wall
 
 
 def columns_of(kind: type[Record]) -> list[tuple[str, str]]:
@@ -30,6 +34,8 @@ _TYPES: dict[str, type] = {
 }  # fmt: skip
 RECORD_COLUMNS = sorted({column for kind in KINDS.values() for _, column in columns_of(kind)})
 
+Values: TypeAlias = tuple[Any, ...]
+
 
 def excursion_hash(excursion: PartialMap, model: ErrorModel) -> bytes:
     """Return SHA-256 of an excursion's names, model in force and records, in a canonical form.
@@ -37,59 +43,223 @@ def excursion_hash(excursion: PartialMap, model: ErrorModel) -> bytes:
     Doubles are hashed as 8 bytes, big-endian, and absent values by a mark of their own: the same
     log gives the same hash from every encoding.
     """
-    digest = hashlib.sha256()
+    parts = [_tagged((excursion.robot, excursion.excursion))]
+    parts.append(_tagged(float(getattr(model, name)) for name in PARAMETERS))
+    for record in excursion.records:
+        kind = type(record)
+        pack = _PACK.get((kind, record.t is None))
+        if pack is not None:
+            parts.append(pack(record))
+        else:
+            parts.append(_tagged((KIND_OF[kind], *_CONTENT[kind](record))))
+    return hashlib.sha256(b"".join(parts)).digest()
 
-    def add(value: object) -> None:
+
+def _tagged(values: Iterable[object]) -> bytes:
+    """Return values as they are hashed: each behind a letter that tells its type."""
+    parts: list[bytes] = []
+    for value in values:
         if isinstance(value, str):
             data = value.encode()
-            digest.update(b"s" + struct.pack(">I", len(data)) + data)
+            parts.append(b"s" + struct.pack(">I", len(data)) + data)
         elif isinstance(value, float):
-            digest.update(b"d" + struct.pack(">d", value))
+            parts.append(b"d" + struct.pack(">d", value))
         elif value is None:
-            digest.update(b"-")
+            parts.append(b"-")
         else:
-            digest.update(b"i" + struct.pack(">q", value))
-
-    add(excursion.robot)
-    add(excursion.excursion)
-    for name in PARAMETERS:
-        add(float(getattr(model, name)))
-    for record in excursion.records:
-        add(KIND_OF[type(record)])
-        for value in _CONTENT[type(record)](record):
-            add(value)
-    return digest.digest()
+            parts.append(b"i" + struct.pack(">q", value))
+    return b"".join(parts)
 
 
-_CONTENT = {
+_CONTENT: dict[type[Record], Callable[[Record], Values]] = {
     kind: attrgetter(*(name for name, _ in columns_of(kind) if name != "extra"))
     for kind in KINDS.values()
 }
 
 
-def geometry_row(geometry: Mapping[int, Geometry], number: int) -> tuple[float | None, ...]:
-    """Return the values of GEOMETRY's columns for a record; all None if it has no place yet."""
-    at = geometry.get(number)
-    if at is None:
-        return (None,) * len(GEOMETRY)
-    return (
-        at.x, at.y, at.rect.half_x, at.rect.half_y,
-        at.x2, at.y2, at.rect2.half_x, at.rect2.half_y, at.heading_deg,
+def _packer(kind: type[Record], is_timeless: bool) -> Callable[[Record], bytes]:
+    """Return what makes of a record of numbers, in one go, the bytes that ``_tagged`` would."""
+    names: list[str] = []
+    layout, mark, marks = ">", _tagged((KIND_OF[kind],)), []
+    for name, column in columns_of(kind):
+        if name == "t" and is_timeless:
+            mark += b"-"
+        elif name != "extra":
+            letter, code = (b"i", "q") if _TYPES.get(column) is int else (b"d", "d")
+            layout += f"{len(mark + letter)}s{code}"
+            marks += [mark + letter, None]
+            mark = b""
+            names.append(name)
+    content, pack = attrgetter(*names), struct.Struct(layout).pack
+
+    def packed(record: Record) -> bytes:
+        parts = marks.copy()
+        parts[1::2] = content(record)  # each behind its mark
+        return pack(*parts)
+
+    return packed
+
+
+_PACK: dict[tuple[type[Record], bool], Callable[[Record], bytes]] = {
+    (kind, is_timeless): _packer(kind, is_timeless)
+    for kind in (Pose, Wall, Beam)
+    for is_timeless in (False, True)
+}
+
+
+class RowShape(NamedTuple):
+    """Rows of the ledger that have the same columns, apart from those that are NULL.
+
+    To bind a None takes SQLite's module as long as to bind five numbers: such columns are left out.
+
+    statement : the SQL that writes such a row.
+    kind : as written in it.
+    content : takes a record's own values.
+    has_heading : whether its place on the map has one.
+    """
+
+    statement: str
+    kind: str
+    content: Callable[[Record], Values]
+    has_heading: bool
+
+
+def _shape(kind: type[Record], has_time: bool, is_placed: bool) -> RowShape:
+    own = [names for names in columns_of(kind) if names[0] != "t" or has_time]
+    has_heading = kind is Pose
+    columns = ["excursion", "number", "kind", *(column for _, column in own)]
+    if is_placed:
+        columns += GEOMETRY if has_heading else GEOMETRY[:-1]
+    names = ", ".join(f'"{column}"' for column in columns)
+    marks = ", ".join("?" * len(columns))
+    statement = f"INSERT OR REPLACE INTO record ({names}) VALUES ({marks})"
+    return RowShape(statement, KIND_OF[kind], attrgetter(*(name for name, _ in own)), has_heading)
+
+
+_SHAPES = {
+    (kind, has_time, is_placed): _shape(kind, has_time, is_placed)
+    for kind, has_time, is_placed in product(KINDS.values(), (False, True), (False, True))
+}
+
+
+def record_rows(
+    records: Iterable[tuple[int, Record]], geometry: Mapping[int, Geometry]
+) -> dict[str, list[Values]]:
+    """Return rows to write, by the statements that write them; the excursion's id comes first.
+
+    records : with their numbers; geometry : where those lie that have a place yet.
+    """
+    found: dict[str, list[Values]] = {}
+    for number, record in records:
+        at = geometry.get(number)
+        shape = _SHAPES[type(record), record.t is not None, at is not None]
+        statement, kind, content, has_heading = shape
+        row = (number, kind, *content(record))
+        if at is not None:
+            x, y, (half_x, half_y), x2, y2, (half_x2, half_y2), heading = at
+            row += (x, y, half_x, half_y, x2, y2, half_x2, half_y2)
+            if has_heading:
+                row += (heading,)
+        found.setdefault(statement, []).append(row)
+    return found
+
+
+class ExcursionRows(NamedTuple):
+    """All that the ledger writes of an excursion, apart from its id, which only the file knows.
+
+    head : its row of ``excursion``; records : rows of ``record``, by the statements that write
+    them; touched : those of ``touched``.
+    """
+
+    head: Values
+    records: dict[str, list[Values]]
+    touched: Touched
+
+
+def excursion_rows(
+    version: PartialMap,
+    model: ErrorModel,
+    known_records: int,
+    geometry: Mapping[int, Geometry],
+    touched: Touched,
+) -> ExcursionRows:
+    """Return what to write of a new excursion, or of the later part of a known one.
+
+    Parameters
+    ----------
+    known_records
+        How many records the ledger holds already.
+    touched
+        Tiles and the numbers of the new records that touch them.
+    """
+    # Records that waited for a pose lie on the map now: they are written again.
+    first = known_records
+    while first and not isinstance(version.records[first - 1], Pose):
+        first -= 1
+    head = (
+        version.robot, version.excursion, json.dumps(dict(version.model)),
+        json.dumps(asdict(model)), len(version.records), excursion_hash(version, model),
+        version.extra,
     )  # fmt: skip
+    return ExcursionRows(
+        head,
+        record_rows(enumerate(version.records[first:], first), geometry),
+        touched,
+    )
 
 
-def record_of_row(kind: str, row: Mapping[str, object]) -> Record:
-    """Return a record of its row; ValueError or TypeError if it cannot have been written so."""
-    make: Callable[..., Record] = KINDS[kind]
-    values: dict[str, object] = {}
-    for name, column in columns_of(KINDS[kind]):
-        value = row[column]
+class _FromRow(NamedTuple):
+    """How a kind of record is made of its row.
+
+    pick : takes its values out of a row's of RECORD_COLUMNS.
+    sound : the types that they may have.
+    flag : the place of the value that is true or false.
+    """
+
+    make: Callable[..., Record]
+    pick: Callable[[Sequence[object]], Values]
+    columns: tuple[str, ...]
+    sound: frozenset[tuple[type, ...]]
+    flag: int | None
+
+
+def _from_row(kind: type[Record]) -> _FromRow:
+    columns = tuple(column for _, column in columns_of(kind))
+    may_be = [
+        (_TYPES.get(column, float), *([type(None)] if column in _MAY_BE_ABSENT else []))
+        for column in columns
+    ]
+    flag = next((place for place, column in enumerate(columns) if column in _FLAGS), None)
+    pick = itemgetter(*(RECORD_COLUMNS.index(column) for column in columns))
+    return _FromRow(kind, pick, columns, frozenset(product(*may_be)), flag)
+
+
+_FROM_ROW = {name: _from_row(kind) for name, kind in KINDS.items()}
+
+
+def record_of_row(kind: str, row: Sequence[object]) -> Record:
+    """Return a record of its row; ValueError or TypeError if it cannot have been written so.
+
+    row : the values of RECORD_COLUMNS.
+    """
+    make, pick, columns, sound, flag = _FROM_ROW[kind]
+    values = pick(row)
+    if tuple(map(type, values)) not in sound:
+        raise _unsound(columns, values)
+    if flag is not None:
+        values = (*values[:flag], bool(values[flag]), *values[flag + 1 :])
+    return make(*values)
+
+
+def _unsound(columns: Sequence[str], values: Sequence[object]) -> Exception:
+    """Return the error that names the first value which cannot have been written so."""
+    for column, value in zip(columns, values, strict=True):
+        expected = _TYPES.get(column, float)
         if value is None and column not in _MAY_BE_ABSENT:
-            raise ValueError(f"{column} is missing")
-        if value is not None and type(value) is not _TYPES.get(column, float):
-            raise TypeError(f"{column} is no {_TYPES.get(column, float).__name__}")
-        values[name] = bool(value) if column in _FLAGS else value
-    return make(**values)
+            return ValueError(f"{column} is missing")
+        if value is not None and type(value) is not expected:
+            return TypeError(f"{column} is no {expected.__name__}")
+    raise AssertionError("all values are sound")
 
 
 def check_types(*values: tuple[object, type]) -> None:

@@ -2,107 +2,77 @@
 
 from __future__ import annotations
 
-import hashlib
-import struct
 import zlib
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import groupby
+from operator import itemgetter
 
 import numpy as np
-from numpy.typing import NDArray
 
 from possmap.core.evidence import Layer
 from possmap.core.fusion import LayerArray, TileLayers, blank
 from possmap.core.lattice import TILE, TileKey, Window, joined, tile_window
+from possmap.core.patches import Crop, Patch, cropped
+from possmap.core.patches import joined as joined_patches
+from possmap.errors import GridError
 from possmap.files.gridfile.database import Database
+from possmap.files.gridfile.directory import Directory
+from possmap.files.gridfile.encoding import EncodedTile, decode, encode
 
-_COMPRESSION = 3
-"""zlib's level: beyond it files shrink by a few per cent, and writing takes twice as long."""
+_AT_ONCE = 32
+"""Tiles whose bytes are read together."""
 
-
-class EncodedTile(NamedTuple):
-    """A layer of a tile as it is stored.
-
-    bounds : the rows and columns of the tile that hold all that is not 0.
-    """
-
-    bounds: Window
-    digest: bytes
-    data: bytes
-
-
-def encode(layer: Layer, key: TileKey, array: LayerArray) -> EncodedTile:
-    """Return the stored form of an array of shape (TILE, TILE) that is not all 0.
-
-    Cells are cropped to their bounds and stored as the narrowest of 2, 4 or 8 bytes. The digest is
-    over these plain bytes; before compression each row is turned into differences and each byte of
-    the numbers into a plane of its own, which pyramids, being piecewise linear, reward.
-    """
-    rows, columns = np.flatnonzero(array.any(axis=1)), np.flatnonzero(array.any(axis=0))
-    bounds = Window(int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1)
-    largest = int(array.max())
-    width = 2 if largest < 2**16 else 4 if largest < 2**32 else 8
-    cropped = np.ascontiguousarray(
-        array[bounds.row0 : bounds.row1, bounds.column0 : bounds.column1], dtype=f"<u{width}"
-    )
-    name = struct.pack(
-        "<BqqHHHHB",
-        layer, *key, bounds.row0, bounds.row1, bounds.column0, bounds.column1, width,
-    )  # fmt: skip
-    digest = hashlib.sha256(name + cropped.tobytes()).digest()
-    differences = np.diff(cropped, axis=1, prepend=cropped.dtype.type(0))
-    planes = differences.view(np.uint8).reshape(-1, width).T.tobytes()
-    return EncodedTile(bounds, digest, bytes([width]) + zlib.compress(planes, _COMPRESSION))
-
-
-def decode(layer: Layer, bounds: Window, data: bytes) -> LayerArray:
-    """Return the cells of ``bounds``, as numbers of the layer's own type.
-
-    Raises
-    ------
-    ValueError
-        If the bytes are not a tile's.
-    """
-    width = data[0] if data else 0
-    if width not in (2, 4, 8):
-        raise ValueError(f"a cell of {width} bytes")
-    size = bounds.cells * width
-    inflated = zlib.decompressobj()
-    planes = inflated.decompress(data[1:], size + 1)
-    if len(planes) != size:
-        raise ValueError(f"{len(planes)} bytes of cells, expected {size}")
-    dtype = np.dtype(f"u{width}")
-    differences = np.zeros(bounds.cells, dtype=dtype)
-    for place, plane in enumerate(np.frombuffer(planes, dtype=np.uint8).reshape(width, -1)):
-        differences |= plane.astype(dtype) << dtype.type(8 * place)
-    cells: NDArray[np.unsignedinteger] = np.cumsum(
-        differences.reshape(bounds.shape), axis=1, dtype=dtype
-    )
-    if layer is Layer.FREE:
-        return cells.astype(np.uint16, copy=False)
-    return cells.astype(np.int64)
+_LAYERS = "0, 1, 2"
 
 
 class TileStore:
-    """The tiles of one grid file."""
+    """The tiles of one grid file.
+
+    Attributes
+    ----------
+    directory
+        Which tiles there are.
+    """
 
     def __init__(self, database: Database) -> None:
         self._database = database
+        self.directory = Directory(database)
 
     def read(self, key: TileKey) -> TileLayers:
         """Return the layers of one tile that are not pure ignorance, each of shape (TILE, TILE)."""
         layers: TileLayers = {}
-        for layer, cells, bounds in self._stored(
-            'row = ? AND "column" = ? AND layer IN (0, 1, 2)', key
-        ):
+        for layer, crop in self.patch(key).items():
             whole = layers[layer] = blank(layer)
-            whole[bounds.slices_in(tile_window(key))] = cells
+            whole[crop.window.slices_in(tile_window(key))] = crop.cells
         return layers
+
+    def patch(self, key: TileKey) -> Patch:
+        """Return what one tile holds of each layer; empty if it is pure ignorance."""
+        return {layer: crop for _, layer, crop in self._stored(_LAYERS, key.row, key.column)}
+
+    def packed(self, key: TileKey) -> dict[Layer, EncodedTile]:
+        """Return the layers of one tile as they are stored, for somebody else to unpack."""
+        return {
+            Layer(layer): EncodedTile(Window(*bounds), digest, data)
+            for layer, *bounds, digest, data in self._database.all(
+                "SELECT layer, row0, row1, column0, column1, hash, data"
+                " FROM tile LEFT JOIN cells ON cells.tile = tile.id"
+                f' WHERE layer IN ({_LAYERS}) AND row = ? AND "column" = ?',
+                tuple(key),
+            )
+        }
+
+    def damaged(self, what: str) -> GridError:
+        """Return the error that says what in a packed tile is not as it was written."""
+        return self._database.damaged(what)
 
     def write(self, key: TileKey, layers: TileLayers) -> None:
         """Replace layers of one tile."""
-        for layer, array in layers.items():
-            one = encode(layer, key, array)
+        self.put(key, {layer: encode(layer, key, array) for layer, array in layers.items()})
+
+    def put(self, key: TileKey, layers: Mapping[Layer, EncodedTile]) -> None:
+        """Replace layers of one tile by what ``encode`` made of them, here or elsewhere."""
+        for layer, one in layers.items():
             self._database.execute(
                 'INSERT INTO tile (layer, row, "column", row0, row1, column0, column1, hash)'
                 " VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
@@ -120,88 +90,66 @@ class TileStore:
                 (one.data, layer, *key),
             )
 
+    def drop(self, key: TileKey, layers: Iterable[Layer]) -> None:
+        """Make layers of one tile pure ignorance."""
+        for layer in layers:
+            place = (layer, *key)
+            where = 'WHERE layer = ? AND row = ? AND "column" = ?'
+            self._database.execute(
+                f"DELETE FROM cells WHERE tile = (SELECT id FROM tile {where})", place
+            )
+            self._database.execute(f"DELETE FROM tile {where}", place)
+
     def read_window(self, layer: Layer, window: Window) -> LayerArray:
         """Return one layer of a window, shape (rows, columns); what no tile holds is 0."""
-        dtype = blank(layer).dtype
-        whole: LayerArray = np.zeros(window.shape, dtype=dtype)
-        if window.cells:
-            span = (
-                layer, window.row0 // TILE, (window.row1 - 1) // TILE,
-                window.column0 // TILE, (window.column1 - 1) // TILE,
-            )  # fmt: skip
-            where = 'layer = ? AND row BETWEEN ? AND ? AND "column" BETWEEN ? AND ?'
-            for _, cells, bounds in self._stored(where, span):
-                shared = bounds.intersection(window)
-                if shared.cells:
-                    whole[shared.slices_in(window)] = cells[shared.slices_in(bounds)]
+        whole: LayerArray = np.zeros(window.shape, dtype=blank(layer).dtype)
+        for crop in self.crops(layer, window):
+            whole[crop.window.slices_in(window)] = crop.cells
         return whole
+
+    def crops(self, layer: Layer, window: Window) -> Iterator[Crop]:
+        """Yield what tiles hold of one layer of a window, one by one."""
+        for row in self.directory.rows_of(layer, window):
+            for span in self._spans(row, window):
+                for _, _, crop in self._stored(str(int(layer)), row, *span):
+                    yield from cropped({layer: crop}, window).values()
+
+    def patches(self, window: Window) -> Iterator[Patch]:
+        """Yield what the tiles of a window hold, neighbours with few cells together, row by row."""
+        for row in self.directory.rows(window):
+            yield from joined_patches(self.row(row, window))
+
+    def row(self, row: int, window: Window) -> Iterator[tuple[int, Patch]]:
+        """Yield the columns of a row's tiles of a window, and what each holds there."""
+        for span in self._spans(row, window):
+            stored = self._stored(_LAYERS, row, *span)
+            for column, crops in groupby(stored, key=itemgetter(0)):
+                patch = cropped({layer: crop for _, layer, crop in crops}, window)
+                if patch:
+                    yield column, patch
+
+    def _spans(self, row: int, window: Window) -> Iterator[tuple[int, int]]:
+        """Yield first and last column of a few of a row's tiles, then of the next few."""
+        columns = self.directory.columns(row, window)
+        for start in range(0, len(columns), _AT_ONCE):
+            yield columns[start], columns[min(start + _AT_ONCE, len(columns)) - 1]
 
     def areas(self, window: Window) -> Iterator[Window]:
         """Yield the parts of a window whose tiles hold anything, a few tiles at a time."""
-        for row in self.rows(window):
-            columns = self._database.all(
-                'SELECT DISTINCT "column" FROM tile'
-                ' WHERE layer IN (0, 1, 2) AND row = ? AND "column" BETWEEN ? AND ? ORDER BY 1',
-                (row, window.column0 // TILE, (window.column1 - 1) // TILE),
-            )
-            yield from joined((TileKey(row, column) for (column,) in columns), window)
-
-    def bounds(self) -> Window | None:
-        """Return the smallest window that holds all evidence, or None if there is none."""
-        row = self._database.one(
-            f"SELECT min(row * {TILE} + row0), max(row * {TILE} + row1),"
-            f' min("column" * {TILE} + column0), max("column" * {TILE} + column1) FROM tile'
-        )
-        return None if row is None or row[0] is None else Window(*row)
-
-    def hashes(self) -> Iterator[bytes]:
-        """Yield the hash of every stored layer of a tile, in canonical order."""
-        # A row of tiles at a time: a large map has millions of them.
-        rows = self._database.all("SELECT DISTINCT layer, row FROM tile ORDER BY layer, row")
-        for of_row in rows:
-            for (digest,) in self._database.all(
-                'SELECT hash FROM tile WHERE layer = ? AND row = ? ORDER BY "column"', of_row
-            ):
-                if not isinstance(digest, bytes):
-                    raise self._database.damaged(f"the hash of a tile in row {of_row[1]}")
-                yield digest
-
-    def rows(self, window: Window) -> list[int]:
-        """Return the rows of tiles within a window that hold anything."""
-        if not window.cells:
-            return []
-        span = (window.row0 // TILE, (window.row1 - 1) // TILE)
-        found = self._database.all(
-            "SELECT DISTINCT row FROM tile WHERE row BETWEEN ? AND ? ORDER BY row", span
-        )
-        return [row for (row,) in found]
-
-    def hashes_of_row(self, row: int, window: Window) -> dict[int, tuple[tuple[int, bytes], ...]]:
-        """Return layers and their hashes for each column of a row of tiles within a window."""
-        found: dict[int, tuple[tuple[int, bytes], ...]] = {}
-        for column, layer, digest in self._database.all(
-            'SELECT "column", layer, hash FROM tile'
-            ' WHERE layer IN (0, 1, 2) AND row = ? AND "column" BETWEEN ? AND ? ORDER BY layer',
-            (row, window.column0 // TILE, (window.column1 - 1) // TILE),
-        ):
-            if not isinstance(digest, bytes):
-                raise self._database.damaged(f"the hash of a tile in row {row}")
-            found[column] = (*found.get(column, ()), (layer, digest))
-        return found
-
-    def count(self) -> int:
-        """Return how many tiles hold anything."""
-        row = self._database.one('SELECT count(*) FROM (SELECT DISTINCT row, "column" FROM tile)')
-        return int(row[0]) if row else 0
+        for row in self.directory.rows(window):
+            columns = self.directory.columns(row, window)
+            yield from joined((TileKey(row, column) for column in columns), window)
 
     def _stored(
-        self, where: str, values: tuple[int, ...]
-    ) -> Iterator[tuple[Layer, LayerArray, Window]]:
-        """Yield layer, cells and their window on the lattice of each stored layer of a tile."""
-        for layer, row, column, row0, row1, column0, column1, data in self._database.all(
-            'SELECT layer, row, "column", row0, row1, column0, column1, data'
-            f" FROM tile LEFT JOIN cells ON cells.tile = tile.id WHERE {where}",
-            values,
+        self, layers: str, row: int, first: int, last: int | None = None
+    ) -> Iterator[tuple[int, Layer, Crop]]:
+        """Yield column, layer and cells of what is stored of a row's tiles first … last."""
+        for layer, column, row0, row1, column0, column1, data in self._database.all(
+            'SELECT layer, "column", row0, row1, column0, column1, data'
+            " FROM tile LEFT JOIN cells ON cells.tile = tile.id"
+            f' WHERE layer IN ({layers}) AND row = ? AND "column" BETWEEN ? AND ?'
+            ' ORDER BY "column"',
+            (row, first, first if last is None else last),
         ):
             try:
                 if not (0 <= row0 < row1 <= TILE and 0 <= column0 < column1 <= TILE):
@@ -213,4 +161,4 @@ class TileStore:
                 row * TILE + row0, row * TILE + row1,
                 column * TILE + column0, column * TILE + column1,
             )  # fmt: skip
-            yield Layer(layer), cells, bounds
+            yield column, Layer(layer), Crop(bounds, cells)

@@ -1,4 +1,4 @@
--- A possmap grid: one SQLite file (docs/grid-file.md).
+-- Format 1 of a possmap grid: one SQLite file (docs/grid-file.md).
 -- application_id 0x506F7373 ("Poss"), user_version 1.
 
 -- The settings that shape evidence, and what is known of single robots (robots.NAME.PARAMETER). JSON values.

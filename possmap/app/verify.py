@@ -1,0 +1,154 @@
+"""``possmap verify``: whether a grid file is what it says (docs/trust.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from possmap.app.progress import Progress, quiet
+from possmap.app.refuse import Refused
+from possmap.core.evidence import Layer
+from possmap.core.lattice import TileKey
+from possmap.errors import PossmapError, printable
+from possmap.files.budget import Budget
+from possmap.files.gridfile.encoding import encode
+from possmap.files.gridfile.grid import Grid
+from possmap.files.gridfile.ledger import Entry
+from possmap.files.gridfile.soundness import LAYER_WORDS, title
+
+SAMPLE = 64
+"""Tiles that are fused again, unless all are asked for."""
+
+MOST_FAULTS = 1000
+"""Faults that are listed; more of them help nobody."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What was looked at, and what is wrong with it.
+
+    tiles, excursions : how many the file holds.
+    refused : tiles that were fused again from the ledger.
+    faults : one line each; empty: the grid is sound, as far as was looked.
+    digest : None if it cannot be had.
+    """
+
+    grid: Path
+    tiles: int
+    excursions: int
+    refused: int
+    faults: tuple[str, ...]
+    digest: str | None
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether nothing was found wrong."""
+        return not self.faults
+
+
+def verify(
+    path: Path,
+    *,
+    full: bool = False,
+    budget: Budget | None = None,
+    progress: Progress = quiet,
+) -> Verdict:
+    """Look at the structure of a grid file, at every hash, and at its tiles against its ledger.
+
+    Parameters
+    ----------
+    path
+        The file; it is not changed.
+    full
+        Fuse every tile again and lay out every excursion again, in place of a sample.
+
+    Raises
+    ------
+    GridError
+        If the file cannot be opened as a grid at all.
+    """
+    with Grid(path, budget=budget) as grid, grid.snapshot():
+        looked = _Look(grid, full, progress)
+        faults = list(islice(looked.faults(), MOST_FAULTS + 1))
+        if len(faults) > MOST_FAULTS:
+            faults[MOST_FAULTS] = f"more than {MOST_FAULTS} faults: the rest was not looked at"
+        digest = None if faults else grid.digest()
+        return Verdict(path, looked.tiles, looked.excursions, looked.refused, tuple(faults), digest)
+
+
+class _Look:
+    """Goes through a grid, and counts what it looked at."""
+
+    def __init__(self, grid: Grid, full: bool, progress: Progress) -> None:
+        self._grid, self._soundness = grid, grid.soundness
+        self._full, self._progress = full, progress
+        self.tiles = self.excursions = self.refused = 0
+
+    def faults(self) -> Iterator[str]:
+        """Yield each fault as one line; after one that stops the look, that is the last."""
+        try:
+            yield from self._soundness.structure()
+            self.tiles = self._grid.tiles.directory.count()
+            yield from self._soundness.tiles()
+            faulty = False
+            for identity in self._progress(self._grid.ledger.identities(), "excursion"):
+                self.excursions += 1
+                for fault in self._soundness.excursion(identity):
+                    faulty = True
+                    yield fault
+            if faulty:
+                yield "the tiles were not compared with the ledger, which is damaged"
+            else:
+                yield from self._against_ledger()
+        except PossmapError as error:
+            yield str(error).removeprefix(f"{printable(str(self._grid.path))}: ")
+
+    def _against_ledger(self) -> Iterator[str]:
+        """Fuse tiles again, and lay out again the excursions that touch them."""
+        anew, ledger = Refused(self._grid), self._grid.ledger
+        seen: set[int] = set()
+        for key in self._progress(self._chosen(), "tile"):
+            touching = [ledger.entry_of(identity) for identity in sorted(ledger.touching(key))]
+            entries = [entry for entry in touching if entry is not None]
+            for entry in entries:
+                if entry.identity not in seen:
+                    yield from self._layout_fault(anew, entry)
+            seen |= {entry.identity for entry in entries}
+            yield from self._tile_faults(key, anew, entries)
+            self.refused += 1
+        if self._full:
+            for entry in ledger.entries():
+                if entry.identity not in seen:
+                    yield from self._layout_fault(anew, entry)
+
+    def _chosen(self) -> list[TileKey]:
+        """Return the tiles to fuse again: all, or some, the same ones each time."""
+        keys = self._soundness.keys()
+        if self._full or len(keys) <= SAMPLE:
+            return keys
+        rng = np.random.default_rng(len(keys))
+        return [keys[n] for n in sorted(rng.choice(len(keys), SAMPLE, replace=False).tolist())]
+
+    def _layout_fault(self, anew: Refused, entry: Entry) -> Iterator[str]:
+        geometry, plan = anew.laid_out(entry)
+        if geometry != self._grid.ledger.geometry(entry):
+            yield f"{title(entry)}: its places are not those of its records"
+        if plan.touched() != self._soundness.touched(entry):
+            yield f"{title(entry)}: its tiles are not those that its records touch"
+
+    def _tile_faults(self, key: TileKey, anew: Refused, entries: list[Entry]) -> Iterator[str]:
+        held = self._soundness.digests(key)
+        made = {
+            layer: encode(layer, key, array).digest
+            for layer, array in anew.tile(key, entries).items()
+        }
+        for layer in Layer:
+            if held.get(layer) != made.get(layer):
+                yield (
+                    f"tile {key.row}, {key.column}, {LAYER_WORDS[layer]}: "
+                    "not what the ledger's records make"
+                )

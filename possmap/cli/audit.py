@@ -1,0 +1,142 @@
+"""``possmap audit``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from possmap.cli import options
+
+if TYPE_CHECKING:
+    from possmap.app.audit import Audit, Side
+    from possmap.files.budget import Budget
+
+_COLUMNS = ("contradiction", "above", "compared", "mean K", "wall/free", "free/wall")
+
+
+@click.command(epilog="Example: possmap audit site.possmap")
+@options.grid_argument
+@click.option(
+    "--top",
+    type=click.IntRange(min=1),
+    default=10,
+    show_default=True,
+    metavar="N",
+    help="How many robots and excursions to list; --json has all.",
+)
+@options.window
+@options.memory
+@options.as_json
+def audit(
+    grid: Path,
+    top: int,
+    window: tuple[float, float, float, float] | None,
+    budget: Budget,
+    as_json: bool,
+) -> None:
+    """Say which robots and excursions contradict the others most.
+
+    Each is held against the grid without it, in the cells of which both say something. Who stands
+    out may be broken, or the only one that is right: look at the place.
+    """
+    from possmap.app.audit import audit as hold
+    from possmap.cli.progress import bar
+
+    found = hold(grid, window_m=window, progress=bar, budget=budget)
+    click.echo(json.dumps(_as_json(found)) if as_json else "\n".join(_as_text(found, top)))
+
+
+def _as_json(found: Audit) -> dict[str, Any]:
+    return {
+        "grid": str(found.grid),
+        "resolution": found.resolution,
+        "robots": [_of(one) for one in found.robots],
+        "excursions": [_of(one) for one in found.excursions],
+    }
+
+
+def _of(side: Side) -> dict[str, Any]:
+    told = asdict(side)
+    if side.excursion is None:
+        del told["excursion"]
+    if side.worst is not None:
+        told["worst"] = dict(zip(("x", "y", "conflict"), side.worst, strict=True))
+    return told
+
+
+def _as_text(found: Audit, top: int) -> Iterator[str]:
+    from possmap.errors import plural, printable
+
+    yield f"grid        {printable(str(found.grid))}"
+    yield (
+        f"judged      {_judged(found.robots)} of {plural(len(found.robots), 'robot')}, "
+        f"{_judged(found.excursions)} of {plural(len(found.excursions), 'excursion')}"
+    )
+    yield f"stands out  {_suspects(found)}"
+    sides = [*_listed(found.robots, top), *_listed(found.excursions, top)]
+    width = max([0, *(len(_name(one)) for one in sides)])
+    digits = len(str(max(1, min(top, len(found.excursions)))))
+    for title, some in (("robots", found.robots), ("excursions", found.excursions)):
+        listed = _listed(some, top)
+        if listed:
+            indent = f"{title:<{max(len('excursions'), 4 + digits + width)}}"
+            yield indent + "".join(f"{one:>{_wide(one)}}" for one in _COLUMNS) + "  worst place"
+        for number, one in enumerate(listed, 1):
+            name = f"  {number:>{digits}}  {_name(one):<{width}}"
+            yield f"{name:<{len('excursions')}}" + "".join(_cells(one))
+    unjudged = [one for one in found.excursions if not one.judged]
+    if unjudged:
+        yield "not judged, for others say too little of the same cells"
+        for one in unjudged[:top]:
+            yield f"  {_name(one)}: {plural(one.compared, 'cell')} compared, {one.share:.1%}"
+        if len(unjudged) > top:
+            yield f"  and {len(unjudged) - top} more"
+
+
+def _judged(sides: Sequence[Side]) -> int:
+    return sum(one.judged for one in sides)
+
+
+def _listed(sides: Sequence[Side], top: int) -> list[Side]:
+    return [one for one in sides if one.judged][:top]
+
+
+def _name(side: Side) -> str:
+    return side.robot if side.excursion is None else f"{side.robot} {side.excursion}"
+
+
+def _suspects(found: Audit) -> str:
+    names = [
+        f"{kind} {_name(one)}"
+        for kind, sides in (("robot", found.robots), ("excursion", found.excursions))
+        for one in sides
+        if one.stands_out
+    ]
+    if names:
+        return ", ".join(names)
+    sides = (*found.robots, *found.excursions)
+    return "nobody" if any(one.above is not None for one in sides) else "cannot be said"
+
+
+def _wide(column: str) -> int:
+    return max(8, len(column)) + 2
+
+
+def _cells(side: Side) -> Iterator[str]:
+    mark = "!" if side.stands_out else ""
+    values = (
+        f"{side.contradiction:.3f}",
+        "-" if side.above is None else f"{mark}{side.above:.1f}",
+        f"{side.share:.1%}",
+        f"{side.conflict:.4f}",
+        f"{side.wall_free:.4f}",
+        f"{side.free_wall:.4f}",
+    )
+    for column, value in zip(_COLUMNS, values, strict=True):
+        yield f"{value:>{_wide(column)}}"
+    yield "  none" if side.worst is None else f"  ({side.worst[0]:.3f}, {side.worst[1]:.3f}) m"

@@ -1,0 +1,123 @@
+"""``possmap forget``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from possmap.cli import options
+
+if TYPE_CHECKING:
+    from possmap.app.forget import ForgetSummary, Target
+    from possmap.files.budget import Budget
+    from possmap.files.gridfile.forgotten import Forgotten
+
+
+@click.command(epilog="Example: possmap forget site.possmap --robot r3")
+@options.grid_argument
+@click.option("--robot", metavar="R", help="Forget what this robot recorded, whoever brought it.")
+@click.option("--excursion", metavar="E", help="Only this excursion of it.")
+@click.option(
+    "--brought-by",
+    metavar="LOG",
+    help="Forget what only this file brought: its name as possmap info shows it, or how that "
+    "ends, or how its SHA-256 begins, or a file of the same bytes.",
+)
+@click.option(
+    "--recall", is_flag=True, help="Let it in again; its logs must then be fused once more."
+)
+@options.memory
+@options.as_json
+@click.pass_context
+def forget(
+    ctx: click.Context,
+    /,
+    grid: Path,
+    robot: str | None,
+    excursion: str | None,
+    brought_by: str | None,
+    recall: bool,
+    budget: Budget,
+    as_json: bool,
+) -> None:
+    """Take evidence out of a grid, as if it had never come.
+
+    The grid is then the one that fusing the same logs without it would make, and has its digest.
+    What a forgotten robot carried for others stays. The grid remembers what was forgotten, and
+    fuse does not let it in until --recall says so.
+    """
+    from possmap.app.forget import Target
+    from possmap.app.forget import forget as take_out
+    from possmap.app.forget import recall as let_in
+    from possmap.cli.progress import bar
+
+    if (robot is None) == (brought_by is None):
+        raise click.UsageError("expected either --robot or --brought-by")
+    if excursion is not None and robot is None:
+        raise click.UsageError("--excursion needs --robot")
+    target: Target = Target(robot, excursion, brought_by)
+    if recall:
+        _say(ctx, as_json, *_recalled(grid, let_in(grid, target)))
+    else:
+        _say(ctx, as_json, *_forgotten(take_out(grid, target, budget=budget, progress=bar)))
+
+
+def _say(ctx: click.Context, as_json: bool, told: dict[str, Any], lines: list[str]) -> None:
+    if as_json:
+        click.echo(json.dumps(told))
+    elif not ctx.obj["quiet"]:
+        click.echo("\n".join(lines))
+
+
+def _recalled(grid: Path, what: Forgotten) -> tuple[dict[str, Any], list[str]]:
+    from possmap.errors import printable
+
+    line = f"{printable(str(grid))}: {what.title} may come in again: fuse the logs that hold it"
+    return {"grid": str(grid), "recalled": as_told(what)}, [line]
+
+
+def _forgotten(done: ForgetSummary) -> tuple[dict[str, Any], list[str]]:
+    from dataclasses import asdict
+
+    from possmap.errors import plural, printable
+
+    told = {
+        "grid": str(done.grid),
+        "forgotten": as_told(done.what),
+        "excursions": [asdict(one) for one in done.excursions],
+        "records": done.records,
+        "tiles": done.tiles,
+        "digest": done.digest,
+    }
+    name = printable(str(done.grid))
+    if not done.is_new:
+        since = f"is forgotten since {done.what.forgotten_at}, and nothing of it is here"
+        return told, [f"{name}: {done.what.title} {since}"]
+    lines = [
+        f"{name}: forgot {done.what.title}: {plural(done.records, 'record')} of "
+        f"{plural(len(done.excursions), 'excursion')}, {plural(done.tiles, 'tile')} changed"
+    ]
+    for one in done.excursions:
+        stays = "nothing stays" if one.vanished else f"{one.kept} stay, which others brought"
+        lines.append(
+            f"  {printable(one.robot)} {printable(one.excursion)}: "
+            f"{plural(one.lost, 'record')}; {stays}"
+        )
+    return told, [*lines, f"digest {done.digest}"]
+
+
+def as_told(what: Forgotten) -> dict[str, Any]:
+    """Return what was forgotten as JSON tells it."""
+    return {
+        "robot": what.robot,
+        "excursion": what.excursion,
+        "source": what.source,
+        "sha256": what.sha256,
+        "excursions": what.excursions,
+        "records": what.records,
+        "forgotten_at": what.forgotten_at,
+        "version": what.version,
+    }

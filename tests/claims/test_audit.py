@@ -1,0 +1,296 @@
+"""Contradiction between excursions: who says what, who the others are, and who is found by it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from broken import FAULTS, retold
+from hypothesis import given
+from hypothesis import strategies as st
+from literal.teams import random_team
+from numpy.typing import NDArray
+from teams import ROBUST, fuse, write_logs
+from troupes import drive, logs_of, shipped_world
+
+import possmap
+from possmap.app.audit import Audit, audit, tiles
+from possmap.core.contradiction import Crowd, Said, Tally, committed, together
+from possmap.core.evidence import Layer
+from possmap.core.fusion import CERTAIN, WEIGHT, blank
+from possmap.core.lattice import TILE, TileKey
+from possmap.core.pyramid import FULL
+from possmap.files.gridfile.ledger import Entry
+
+Log = dict[str, Any]
+PROFILES: Mapping[str, Mapping[str, Any]] = {
+    "paper": {"resolution": 0.2},
+    "robust": {**ROBUST, "resolution": 0.2},
+}
+
+
+def excursions_of(logs: Sequence[Log]) -> dict[tuple[str, str], Log]:
+    """Return the longest version of each excursion, however it was delivered."""
+    found: dict[tuple[str, str], Log] = {}
+    for log in (one for outer in logs for one in (outer, *outer.get("carried", ()))):
+        name = log["robot"], log["excursion"]
+        if name not in found or len(log["records"]) > len(found[name]["records"]):
+            whole = {key: value for key, value in log.items() if key != "carried"}
+            found[name] = {"possmap_log": 1, **whole}
+    return found
+
+
+def stored(grid: Path) -> dict[TileKey, dict[Layer, NDArray[Any]]]:
+    """Return walls and denials of every tile of a grid, row by row."""
+    with possmap.open_grid(grid) as opened:
+        window = opened.window
+        found: dict[TileKey, dict[Layer, NDArray[Any]]] = {}
+        if window is None:
+            return found
+        for row in opened.tiles.directory.rows():
+            for column in opened.tiles.directory.columns(row, window):
+                key = TileKey(row, column)
+                layers = opened.tiles.read(key)
+                found[key] = {
+                    layer: layers.get(layer, blank(layer)).reshape(-1)
+                    for layer in (Layer.WALLS, Layer.FREE)
+                }
+        return found
+
+
+def sides(grid: Path) -> tuple[list[Entry], list[tuple[TileKey, dict[int, Said]]]]:
+    with possmap.open_grid(grid) as opened:
+        entries = list(opened.ledger.entries())
+        return entries, list(tiles(opened, entries, None))
+
+
+def in_tile(
+    known: Mapping[TileKey, Mapping[Layer, NDArray[Any]]], key: TileKey, one: Said
+) -> tuple[list[int], list[int]]:
+    """Return weights and denials of a grid in the cells of a side."""
+    tile = known.get(key, {layer: blank(layer).reshape(-1) for layer in Layer})
+    return tile[Layer.WALLS][one.cells].tolist(), tile[Layer.FREE][one.cells].tolist()
+
+
+def as_lists(one: Said) -> tuple[list[int], list[int]]:
+    return one.weights.tolist(), one.denials.tolist()
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("seed", range(6))
+def test_the_others_are_the_very_grid_that_is_fused_without_the_excursion(
+    seed: int, profile: str, tmp_path: Path
+) -> None:
+    logs = excursions_of(random_team(np.random.default_rng(seed))[0])
+    settings, grid = PROFILES[profile], tmp_path / "all.possmap"
+    fuse(write_logs(tmp_path / "all", list(logs.values())), grid, settings)
+    entries, by_tile = sides(grid)
+    for number, entry in enumerate(entries):
+        rest, alone = tmp_path / f"rest{number}", tmp_path / f"alone{number}"
+        fuse(write_logs(tmp_path / "a", [logs[entry.name]]), alone, settings)
+        own, others = stored(alone), {}
+        if len(logs) > 1:
+            kept = [log for name, log in logs.items() if name != entry.name]
+            fuse(write_logs(tmp_path / f"r{number}", kept), rest, settings)
+            others = stored(rest)
+        said_in = {key: found[number] for key, found in by_tile if number in found}
+        for key, layers in own.items():
+            somewhere = np.flatnonzero((layers[Layer.WALLS] != 0) | (layers[Layer.FREE] != 0))
+            found_cells = said_in[key].cells if key in said_in else np.array([], dtype=np.intp)
+            assert found_cells.tolist() == somewhere.tolist()
+        for key, found in by_tile:
+            if number in found:
+                crowd = Crowd(list(found.values()))
+                place = list(found).index(number)
+                mine = found[number]
+                assert as_lists(mine) == in_tile(own, key, mine)
+                assert as_lists(crowd.without(place)) == in_tile(others, key, mine)
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_a_robot_is_all_its_excursions_and_its_others_are_the_other_robots(
+    profile: str, tmp_path: Path
+) -> None:
+    logs = list(excursions_of(random_team(np.random.default_rng(3))[0]).values())
+    logs += [{**log, "excursion": f"{log['excursion']}-again"} for log in logs[:2]]
+    settings, grid = PROFILES[profile], tmp_path / "all.possmap"
+    fuse(write_logs(tmp_path / "all", logs), grid, settings)
+    entries, by_tile = sides(grid)
+    robot = logs[0]["robot"]
+    mine = [log for log in logs if log["robot"] == robot]
+    rest = [log for log in logs if log["robot"] != robot]
+    assert len(mine) > 1
+    assert rest
+    fuse(write_logs(tmp_path / "mine", mine), tmp_path / "m.possmap", settings)
+    fuse(write_logs(tmp_path / "rest", rest), tmp_path / "r.possmap", settings)
+    own, others = stored(tmp_path / "m.possmap"), stored(tmp_path / "r.possmap")
+    seen = 0
+    for key, found in by_tile:
+        parts = [
+            together(one for number, one in found.items() if (entries[number].robot == robot) is me)
+            for me in (True, False)
+        ]
+        assert as_lists(parts[0]) == in_tile(own, key, parts[0])
+        assert as_lists(Crowd(parts).without(0)) == in_tile(others, key, parts[0])
+        seen += len(parts[0].cells)
+    assert seen > 0
+
+
+values = st.integers(0, FULL)
+cells = st.lists(st.tuples(st.integers(0, TILE * TILE - 1), values, values), max_size=30)
+
+
+def side_of(some: Sequence[tuple[int, int, int]]) -> Said:
+    by_cell = {cell: (wall, free) for cell, wall, free in some if wall or free}
+    numbers = np.array(sorted(by_cell), dtype=np.intp)
+    walls, frees = (
+        np.array([by_cell[cell][part] for cell in sorted(by_cell)], dtype=np.int64)
+        for part in (0, 1)
+    )
+    return Said(numbers, WEIGHT[walls], frees.astype(np.uint16))
+
+
+def tally_of(one: Said, other: Said) -> Tally:
+    tally = Tally()
+    tally.add(TileKey(0, 0), one, Crowd([one, other]).without(0))
+    return tally
+
+
+@given(cells, cells)
+def test_of_two_each_contradicts_the_other_as_much(
+    some: list[tuple[int, int, int]], more: list[tuple[int, int, int]]
+) -> None:
+    one, other = side_of(some), side_of(more)
+    there, back = tally_of(one, other), tally_of(other, one)
+    assert (there.wall_free, there.free_wall) == (back.free_wall, back.wall_free)
+    assert (there.wall_wall, there.free_free) == (back.wall_wall, back.free_free)
+    assert there.compared == back.compared == len(set(one.cells) & set(other.cells))
+    assert 0 <= there.conflict <= 1
+    assert 0 <= there.contradiction <= 1
+
+
+@given(values, values, values, values)
+def test_k_is_dempsters_of_the_masses_of_either_side(a: int, b: int, c: int, d: int) -> None:
+    one, other = side_of([(7, a, b)]), side_of([(7, c, d)])
+    tally = tally_of(one, other)
+    if not (a or b) or not (c or d):
+        assert tally.compared == 0
+        return
+    masses = [committed(side.weights, side.denials) for side in (one, other)]
+    (wall, free, _), (wall2, free2, _) = ([float(part[0]) for part in mass] for mass in masses)
+    assert tally.conflict == pytest.approx(wall * free2 + free * wall2)
+
+
+def test_sure_of_a_wall_against_sure_of_free_space_is_k_1_and_agreement_is_k_0() -> None:
+    wall, free = side_of([(7, FULL, 0)]), side_of([(7, 0, FULL)])
+    assert wall.weights.tolist() == [CERTAIN]
+    assert tally_of(wall, free).conflict == pytest.approx(1, abs=1e-6)
+    row, column, conflict = tally_of(wall, free).worst or (0, 0, 0.0)
+    assert (row, column) == (0, 7)
+    assert conflict == pytest.approx(1, abs=1e-6)
+    assert tally_of(wall, wall).conflict == tally_of(free, free).conflict == 0
+    assert tally_of(wall, wall).worst is None
+
+
+def test_a_side_that_contradicts_itself_leaves_to_each_of_its_masses_half() -> None:
+    # N = 1 and Π = 0: METHOD §4 keeps both e⁻¹⁶ away and normalises the conflict.
+    torn, free = side_of([(7, FULL, FULL)]), side_of([(7, 0, FULL)])
+    assert tally_of(torn, free).conflict == pytest.approx(0.5, abs=1e-6)
+
+
+def test_the_worst_place_is_in_the_square_that_contradicts_most_not_the_worst_cell() -> None:
+    half = FULL // 2
+    lonely, crowded = (5, FULL, 0), [(100 + column, half, 0) for column in range(8)]
+    one = side_of([lonely, *crowded])
+    other = side_of([(cell, 0, FULL) for cell in one.cells.tolist()])
+    row, column, conflict = tally_of(one, other).worst or (0, 0, 0.0)
+    assert (row, column) == (0, 100)
+    assert conflict == pytest.approx(0.5, abs=1e-4)
+
+
+def team() -> list[Log]:
+    return logs_of(drive(shipped_world("figure8"), robots=5, minutes=12, seed=4, exchange=False))
+
+
+@pytest.fixture(scope="module")
+def honest() -> list[Log]:
+    return team()
+
+
+def audited(folder: Path, logs: Sequence[Log], **settings: Any) -> Audit:
+    grid = folder / "site.possmap"
+    grid.unlink(missing_ok=True)
+    fuse(write_logs(folder / "logs", logs), grid, {"resolution": 0.1, **settings})
+    return audit(grid)
+
+
+def without_grid(found: Audit) -> Audit:
+    return replace(found, grid=Path())
+
+
+def test_the_order_of_the_logs_does_not_matter(honest: list[Log], tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    one, other = (
+        audited(tmp_path / name, logs) for name, logs in (("a", honest), ("b", honest[::-1]))
+    )
+    assert [side.contradiction for side in one.excursions] == pytest.approx(
+        [side.contradiction for side in other.excursions]
+    )
+    assert [(side.robot, side.compared, side.worst) for side in one.robots] == [
+        (side.robot, side.compared, side.worst) for side in other.robots
+    ]
+
+
+def test_windows_add_up_to_the_whole(honest: list[Log], tmp_path: Path) -> None:
+    whole = audited(tmp_path, honest)
+    halves = [
+        audit(tmp_path / "site.possmap", window_m=window)
+        for window in ((-50.0, -50.0, 1.23, 50.0), (1.3, -50.0, 50.0, 50.0))
+    ]
+    # 1.23 m lies in the cell that ends at 1.3 m: the halves have no cell in common.
+    for side in whole.robots:
+        parts = [one for half in halves for one in half.robots if one.robot == side.robot]
+        assert sum(one.compared for one in parts) == side.compared
+        assert sum(one.wall_free * one.compared for one in parts) == pytest.approx(
+            side.wall_free * side.compared
+        )
+
+
+def test_a_robot_far_from_all_others_is_not_judged_rather_than_cleared(
+    honest: list[Log], tmp_path: Path
+) -> None:
+    far = retold({**honest[0], "robot": "far"}, start=(500.0, 0.0, 0.0))
+    found = audited(tmp_path, [*honest, far])
+    last = found.robots[-1]
+    assert (last.robot, last.judged, last.compared, last.above) == ("far", False, 0, None)
+    assert all(side.judged for side in found.robots[:-1])
+
+
+@pytest.mark.parametrize("profile", ["paper", "robust"])
+@pytest.mark.parametrize("fault", ["turns 5° per 45° wrong", "starts 1 m off", "starts 20° off"])
+def test_a_robot_with_a_grave_fault_is_ranked_first(
+    fault: str, profile: str, honest: list[Log], tmp_path: Path
+) -> None:
+    broken = honest[0]["robot"]
+    logs = [FAULTS[fault](log) if log["robot"] == broken else log for log in honest]
+    found = audited(tmp_path, logs, **(ROBUST if profile == "robust" else {}))
+    assert found.robots[0].robot == broken
+
+
+def test_a_log_retold_without_a_fault_is_the_log(honest: list[Log]) -> None:
+    for log in honest:
+        for record, same in zip(log["records"], retold(log)["records"], strict=True):
+            assert record.keys() == same.keys()
+            for key, value in record.items():
+                if key == "heading":
+                    assert math.remainder(same[key] - value, 360) == pytest.approx(0, abs=1e-3)
+                elif isinstance(value, float):
+                    assert same[key] == pytest.approx(value, abs=2e-3)
+                else:
+                    assert same[key] == value

@@ -1,0 +1,336 @@
+"""``--memory`` bounds what a command takes; what does not fit is refused, and nothing differs."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+from maps import drawn_grid
+from teams import write_logs
+
+import possmap
+from possmap.app.render import Look, render
+from possmap.cli.main import main
+from possmap.core.evidence import Layer
+from possmap.core.fusion import CERTAIN, TileLayers, blank
+from possmap.core.lattice import TILE, TileKey, Window
+from possmap.core.patches import extent_of
+from possmap.core.settings import EvidenceSettings
+from possmap.errors import BudgetError
+from possmap.files.budget import LEAST_MIB, Budget
+from possmap.files.gridfile.grid import Grid
+from possmap.pictures import raster
+from possmap.pictures.raster import Raster
+from possmap.pictures.thinning import Points, Track
+
+DATA = Path(__file__).parents[2] / "data" / "json"
+
+
+def tile(row: int, column: int) -> TileLayers:
+    """Return a tile with a run through it, and a wall beside the run."""
+    free, walls = blank(Layer.FREE), blank(Layer.WALLS)
+    at = 40 + (7 * row + 3 * column) % 150
+    free[at : at + 12] = 50_000
+    walls[at + 20 : at + 24, 10:200] = CERTAIN // 3
+    return {Layer.FREE: free, Layer.WALLS: walls}
+
+
+def lattice(path: Path, rows: int, columns: int) -> Path:
+    """Write a grid of tiles that no excursion reported."""
+    with Grid(path, write=True) as grid, grid.transaction():
+        grid.prepare(EvidenceSettings(), {})
+        for key in np.ndindex(rows, columns):
+            grid.tiles.write(TileKey(*key), tile(*key))
+    return path
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return lattice(tmp_path_factory.mktemp("lattice") / "site.possmap", 40, 30)
+
+
+def run(*args: object) -> Result:
+    return CliRunner().invoke(main, [str(arg) for arg in args])
+
+
+def peak_mib(*args: object) -> float:
+    """Return the peak memory of a command in a process of its own, which must succeed."""
+    measure = (
+        "import resource, subprocess, sys\n"
+        "subprocess.run(sys.argv[1:], check=True, stdout=subprocess.DEVNULL)\n"
+        "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
+    )
+    command = [sys.executable, "-m", "possmap", "-q", *map(str, args)]
+    done = subprocess.run(
+        [sys.executable, "-c", measure, *command], check=True, capture_output=True, text=True
+    )
+    return int(done.stdout) / 1024
+
+
+# Numbers ----------------------------------------------------------------------------------------
+
+
+def test_more_memory_never_means_less_of_anything() -> None:
+    budgets = [Budget(mib) for mib in (LEAST_MIB, 200, 256, 1024, 100_000)]
+    for name in ("cache_kib", "held", "band_cells", "batch_records"):
+        values = [getattr(budget, name) for budget in budgets]
+        assert values == sorted(values) and values[0] > 0, name
+
+
+def test_what_a_refusal_asks_for_is_enough_and_no_more() -> None:
+    for size in (Budget().held + 1, 10**9 + 7, 3 * 10**11):
+        needed = Budget().needed_for(size)
+        Budget(needed).check_held("it", size)
+        with pytest.raises(BudgetError, match=f"^it needs --memory {needed}, found {needed - 1}$"):
+            Budget(needed - 1).check_held("it", size)
+
+
+def test_less_than_any_command_needs_is_wrong_usage(site: Path) -> None:
+    result = run("info", site, "--memory", LEAST_MIB - 1)
+    assert result.exit_code == 2
+    assert (
+        f"Invalid value for '--memory': found {LEAST_MIB - 1}, expected at least" in result.stderr
+    )
+
+
+# Pictures ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "look",
+    [
+        Look(),
+        Look(bare=True),
+        Look(bare=True, layers=("necessity",), palette="gray"),
+        Look(bare=True, max_size=333),
+        Look(layers=("probability",), max_size=500),
+    ],
+    ids=str,
+)
+def test_little_memory_draws_the_same_picture_byte_for_byte(
+    site: Path, tmp_path: Path, look: Look, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    little, much, banded = (tmp_path / f"{name}.png" for name in ("little", "much", "banded"))
+    render(site, little, look, budget=Budget(256))
+    render(site, much, look, budget=Budget(4096))
+    monkeypatch.setattr(raster, "_BAND_BLOCKS", 1000)
+    render(site, banded, look)
+    assert little.read_bytes() == much.read_bytes() == banded.read_bytes()
+
+
+def test_bands_of_a_picture_hold_each_row_of_blocks_once() -> None:
+    whole = Raster(Window(-30, 3570, 6, 9006), 30)
+    bands = list(whole.bands())
+    assert [first for first, _ in bands] == [
+        sum(band.blocks[0] for _, band in bands[:at]) for at in range(len(bands))
+    ]
+    assert bands[0][1].window.row0 == -30 and bands[-1][1].window.row1 == 3570
+
+
+def test_a_picture_that_does_not_fit_is_refused_with_what_would_help(
+    site: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out.png"
+    result = run("render", site, "-o", out, "--bare", "--memory", LEAST_MIB)
+    assert (result.exit_code, result.stdout) == (1, "")
+    assert result.stderr == (
+        "possmap: a picture of 7680 × 10155 pixels needs --memory 255, found 128; or shrink it "
+        "with --max-size PIXELS, or take a part: --window X0,Y0,X1,Y1\n"
+    )
+    assert not out.exists()
+    assert run("render", site, "-o", out, "--bare", "--memory", 255).exit_code == 0
+
+
+def test_coverage_that_does_not_fit_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grid = tmp_path / "site.possmap"
+    possmap.fuse(DATA, grid)
+    out = tmp_path / "out.png"
+    monkeypatch.setattr("possmap.pictures.coverage._OVERHEAD", 1 << 27)
+    result = run("render", grid, "-o", out, "--layer", "coverage", "--memory", LEAST_MIB)
+    assert result.exit_code == 1 and not out.exists()
+    assert result.stderr.startswith(
+        f"possmap: {grid}: counting excursions cell by cell needs --memory "
+    )
+    assert result.stderr.endswith(", found 128; or take a part of it: --window X0,Y0,X1,Y1\n")
+
+
+def test_of_too_many_points_near_ones_become_the_most_certain_of_them() -> None:
+    chosen = Raster(Window(0, 1000, 0, 1000), 10)
+    points = Points(chosen, 0.1, most=100)
+    rng = np.random.default_rng(1)
+    places = [(float(x), float(y)) for x, y in rng.uniform(0, 100, (5000, 2))]
+    certainties = rng.uniform(0.1, 1, len(places)).tolist()
+    for place, certainty in zip(places, certainties, strict=True):
+        points.add(place, certainty)
+    kept = points.all()
+    assert 20 < len(kept) <= 100
+    assert max(kept, key=lambda one: one[1]) == max(
+        zip(places, certainties, strict=True), key=lambda one: one[1]
+    )
+
+
+def test_a_few_points_are_all_drawn_even_in_one_place() -> None:
+    points = Points(Raster(Window(0, 10, 0, 10)), 0.1)
+    for certainty in (0.5, 0.7, 0.5):
+        points.add((0.5, 0.5), certainty)
+    assert [certainty for _, certainty in points.all()] == [0.5, 0.7, 0.5]
+
+
+def test_a_thinned_track_begins_and_ends_where_it_did() -> None:
+    places = [(0.01 * step, 5.0) for step in range(2001)]
+    thin, all_of_it = (
+        Track(Raster(Window(0, 300, 0, 300), 10), 0.1),
+        Track(Raster(Window(0, 300, 0, 300)), 0.1),
+    )
+    for place in places:
+        thin.add(place)
+        all_of_it.add(place)
+    assert all_of_it.all() == places
+    assert thin.all()[0] == places[0] and thin.all()[-1] == places[-1]
+    assert len(thin.all()) < 50
+
+
+# What a file holds ------------------------------------------------------------------------------
+
+
+def sparse(path: Path) -> dict[TileKey, set[Layer]]:
+    """Write tiles here and there, each with some of its layers; return which."""
+    rng = np.random.default_rng(7)
+    found: dict[TileKey, set[Layer]] = {}
+    with Grid(path, write=True) as grid, grid.transaction():
+        grid.prepare(EvidenceSettings(), {})
+        for row, column in rng.integers(-60, 60, (90, 2)).tolist():
+            key = TileKey(row, column)
+            layers: TileLayers = {}
+            for layer in rng.permutation(list(Layer))[: rng.integers(1, 4)]:
+                array = layers[Layer(layer)] = blank(Layer(layer))
+                array[tuple(rng.integers(0, TILE, 2))] = 9
+            grid.tiles.write(key, layers)
+            found.setdefault(key, set()).update(layers)
+    return found
+
+
+def test_rows_columns_bounds_and_count_are_those_of_all_tiles(tmp_path: Path) -> None:
+    path = tmp_path / "site.possmap"
+    held = sparse(path)
+    with Grid(path) as grid:
+        directory, everything = grid.tiles.directory, Window(-60 * TILE, 60 * TILE, -(9**9), 9**9)
+        assert directory.rows() == sorted({key.row for key in held})
+        assert directory.rows(everything) == directory.rows()
+        assert directory.rows(Window(0, 256, 0, 0)) == []
+        for row in directory.rows():
+            assert directory.columns(row, everything) == sorted(
+                k.column for k in held if k.row == row
+            )
+        assert directory.count() == len(held)
+        bounds = directory.bounds()
+        crops = [crop.window for patch in grid.tiles.patches(everything) for crop in patch.values()]
+    assert bounds == Window(
+        min(one.row0 for one in crops), max(one.row1 for one in crops),
+        min(one.column0 for one in crops), max(one.column1 for one in crops),
+    )  # fmt: skip
+
+
+def test_patches_hold_what_windows_hold(site: Path) -> None:
+    window = Window(100, 3000, 130, 2000)
+    with Grid(site) as grid:
+        for layer in Layer:
+            whole = np.zeros(window.shape, dtype=blank(layer).dtype)
+            for patch in grid.tiles.patches(window):
+                assert extent_of(patch).intersection(window) == extent_of(patch)
+                if layer in patch:
+                    crop = patch[layer]
+                    target = whole[crop.window.slices_in(window)]
+                    assert not (target.any() and crop.cells.any() and (target * crop.cells).any())
+                    target += crop.cells
+            assert np.array_equal(whole, grid.tiles.read_window(layer, window))
+
+
+def test_an_array_that_does_not_fit_is_refused(site: Path) -> None:
+    with Grid(site, budget=Budget(LEAST_MIB)) as grid:
+        with pytest.raises(BudgetError) as refused:
+            grid.necessity()
+        assert str(refused.value) == (
+            f"{site}: an array of 10155 × 7680 cells needs --memory 850, found 128; or read parts "
+            "of it"
+        )
+        assert grid.necessity(Window(0, 300, 0, 300)).max() > 0
+
+
+def test_a_digest_is_computed_anew_after_a_change(tmp_path: Path) -> None:
+    grid_path = drawn_grid(tmp_path / "site.possmap", ["#.?"])
+    with Grid(grid_path) as reader:
+        before = reader.digest()
+        with Grid(grid_path, write=True) as writer:
+            assert writer.digest() == before
+            with writer.transaction():
+                writer.tiles.write(TileKey(0, 0), tile(0, 0))
+                after = writer.digest()
+        assert before != after == reader.digest()
+
+
+def test_excursions_too_many_to_list_are_refused(tmp_path: Path) -> None:
+    pose = {"seq": 0, "kind": "pose", "x": 0, "y": 0, "heading": 0}
+    logs = [
+        {"possmap_log": 1, "robot": "r", "excursion": f"e{n}", "records": [pose]} for n in range(3)
+    ]
+    grid = tmp_path / "site.possmap"
+    possmap.fuse(write_logs(tmp_path / "logs", logs), grid)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("possmap.app.info._EXCURSION_BYTES", 1 << 28)
+        result = run("info", grid)
+        assert (result.exit_code, result.stdout) == (1, "")
+        assert result.stderr == (
+            f"possmap: {grid}: a list of 3 excursions needs --memory 1080, found 1024\n"
+        )
+        assert run("info", grid, "--memory", 1080).exit_code == 0
+
+
+# Whole processes --------------------------------------------------------------------------------
+
+
+def bounded(folder: Path, rows: int, columns: int) -> Iterator[tuple[str, float]]:
+    """Yield commands on a site, and the peak memory of each [MiB]."""
+    grid = lattice(folder / "site.possmap", rows, columns)
+    other = folder / "other.possmap"
+    other.write_bytes(grid.read_bytes())
+    possmap.fuse(DATA, other)
+    for name, *args in (
+        ("info", "info", grid, "--json"),
+        ("query", "query", grid, 3, 3),
+        ("map", "render", grid, "-o", folder / "map.png"),
+        (
+            "layer",
+            "render",
+            grid,
+            "-o",
+            folder / "n.png",
+            "--layer",
+            "necessity",
+            "--max-size",
+            900,
+        ),
+        ("npz", "export", grid, "-o", folder / "site.npz", "--window", "0,0,400,300"),
+        ("diff", "diff", grid, other),
+    ):
+        yield name, peak_mib(*args, "--memory", 160)
+
+
+def test_commands_stay_within_their_memory(tmp_path: Path) -> None:
+    peaks = dict(bounded(tmp_path, 40, 50))
+    assert max(peaks.values()) < 160, peaks
+
+
+@pytest.mark.slow
+def test_commands_stay_within_their_memory_on_20_000_tiles(tmp_path: Path) -> None:
+    peaks = dict(bounded(tmp_path, 160, 125))
+    assert max(peaks.values()) < 160, peaks
+    assert json.loads(run("info", tmp_path / "site.possmap", "--json").stdout)["tiles"] == 20_000
