@@ -27,6 +27,8 @@ from possmap.files.yaml_nodes import (
 from possmap.simulation.world import Segments
 
 LARGEST_PIXELS = 25_000_000
+MOST_WALLS = 1_000_000
+"""Straight pieces in the outline of one plan."""
 FINEST = 0.001
 """Smallest side of a pixel [m]."""
 FINE = f"expected metres per pixel, {FINEST} or more"
@@ -49,11 +51,14 @@ class Plan:
         Side of a cell [m].
     origin
         Lower left corner of cell [0, 0] [m].
+    name
+        Of its image, for messages.
     """
 
     free: FreeCells
     resolution: float
     origin: tuple[float, float]
+    name: str = "a plan"
 
     def is_free(self, x: float, y: float) -> bool:
         """Whether a place lies in a free cell."""
@@ -63,13 +68,24 @@ class Plan:
         return 0 <= row < rows and 0 <= column < columns and bool(self.free[row, column])
 
     def walls(self) -> Segments:
-        """Return the borders between free cells and others, as few straight segments as can be."""
+        """Return the borders between free cells and others, as few straight segments as can be.
+
+        Raises
+        ------
+        SettingsError
+            If they are more than MOST_WALLS: no building's plan, but noise.
+        """
         padded = np.pad(self.free, 1)
-        level = _runs(padded[1:, 1:-1] != padded[:-1, 1:-1])
-        upright = _runs((padded[1:-1, 1:] != padded[1:-1, :-1]).T)
-        lines, begins, ends = level
+        level = padded[1:, 1:-1] != padded[:-1, 1:-1]
+        upright = (padded[1:-1, 1:] != padded[1:-1, :-1]).T
+        count = _count_runs(level) + _count_runs(upright)
+        if count > MOST_WALLS:
+            raise SettingsError(
+                f"{self.name}: found {count} walls in the image, expected at most {MOST_WALLS}"
+            )
+        lines, begins, ends = _runs(level)
         rows = np.stack([begins, lines, ends, lines], axis=1)
-        lines, begins, ends = upright
+        lines, begins, ends = _runs(upright)
         columns = np.stack([lines, begins, lines, ends], axis=1)
         corners = np.concatenate([rows, columns]) * self.resolution
         # To the nanometre: no 0.15000000000000002.
@@ -90,6 +106,11 @@ class _Shading:
     free_thresh: float = FREE_THRESH
     negate: bool = False
     alpha: str = "paper"
+
+
+def _count_runs(borders: FreeCells) -> int:
+    """Return how many runs of borders there are; each row of the array is a line."""
+    return int(borders[:, :1].sum()) + int((borders[:, 1:] & ~borders[:, :-1]).sum())
 
 
 def _runs(borders: FreeCells) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
@@ -114,7 +135,7 @@ def read_image(path: Path, resolution: float, origin: tuple[float, float] = (0.0
     SettingsError
         If it is no image, or too large.
     """
-    return Plan(_free(path, _Shading()), resolution, origin)
+    return Plan(_free(path, _Shading()), resolution, origin, printable(str(path)))
 
 
 def read_ros_map(path: Path) -> Plan:
@@ -159,7 +180,7 @@ def read_ros_map(path: Path) -> Plan:
         raise refusal(given["mode"][0], name, "mode", "expected trinary or scale")
     shading = _Shading(value("free_thresh"), negate=text("negate") in ("1", "true"), alpha=mode)
     image = file_path(given["image"][0], name, "image", path.parent)
-    return Plan(_free(image, shading), value("resolution"), (x, y))
+    return Plan(_free(image, shading), value("resolution"), (x, y), printable(str(image)))
 
 
 def _free(path: Path, shading: _Shading) -> FreeCells:

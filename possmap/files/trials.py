@@ -44,6 +44,8 @@ def read_trials(path: Path, limits: Limits | None = None) -> list[Trial]:
         ``file:line: column, value found, what was expected``.
     """
     source = read_text(path, limits or Limits())
+    if source.is_cut:
+        raise LogError(source.name, "the file is cut short")
     rows = csv.reader(source.text.splitlines(), strict=True)
     found: list[Trial] = []
     columns: list[str] = []

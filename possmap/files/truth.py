@@ -88,6 +88,9 @@ def read_truth(path: Path, limits: Limits) -> Truth:
         If it is no truth file, or anything in it that is read is wrong.
     """
     source = read_text(path, limits)
+    if source.is_cut:
+        raise LogError(source.name, "the file is cut short")
+    source.check_objects(limits)
     cursor = JsonText(source.text)
     try:
         fields = as_object(cursor.value())

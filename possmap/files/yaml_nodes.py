@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from stat import S_ISREG
 
 import yaml
 
@@ -13,6 +14,9 @@ from possmap.errors import SettingsError, printable, shown
 
 LARGEST_BYTES = 1 << 20
 DEEPEST = 8
+MOST_VALUES = 300_000
+"""In one file, those behind aliases counted wherever an alias names them."""
+
 _SHORT = 6  # entries of a list that a message repeats
 NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
@@ -54,8 +58,9 @@ def parse_yaml(text: str, name: str) -> yaml.Node | None:
         ``name:line: what is wrong``.
     """
     try:
-        _check_depth(text, name)
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
+        root = yaml.compose(text, Loader=_BoundedLoader)
+    except _Unbounded as fault:
+        raise SettingsError(f"{name}:{fault.line}: {fault.problem}") from None
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 1
         problem = ": ".join(part for part in (error.context, error.problem) if part)
@@ -67,17 +72,53 @@ def parse_yaml(text: str, name: str) -> yaml.Node | None:
     return None if root is None or is_null(root) else root
 
 
-def _check_depth(text: str, name: str) -> None:
-    """Refuse deep nesting before anything recurses over it."""
-    depth = 0
-    for event in yaml.parse(text, Loader=yaml.SafeLoader):
+class _Unbounded(Exception):
+    """More than a file may say, at a line."""
+
+    def __init__(self, node_or_event: yaml.Node | yaml.Event, problem: str) -> None:
+        super().__init__(problem)
+        self.line = node_or_event.start_mark.line + 1 if node_or_event.start_mark else 1
+        self.problem = problem
+
+
+class _BoundedLoader(yaml.SafeLoader):
+    """Composes nodes, and stops before they are too many or nested too deep."""
+
+    def __init__(self, stream: str) -> None:
+        super().__init__(stream)
+        self._depth = 0
+        self._count = 0
+        self._sizes: dict[yaml.Node, int] = {}  # with all that a node holds
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        event: yaml.Event = self.peek_event()  # type: ignore[no-untyped-call]
         if isinstance(event, yaml.CollectionStartEvent):
-            depth += 1
-            if depth > DEEPEST:
-                line = event.start_mark.line + 1 if event.start_mark else 1
-                raise SettingsError(f"{name}:{line}: nested too deep, expected name: value")
-        elif isinstance(event, yaml.CollectionEndEvent):
-            depth -= 1
+            if self._depth == DEEPEST:
+                raise _Unbounded(event, "nested too deep, expected name: value")
+            self._depth += 1
+            node = super().compose_node(parent, index)
+            self._depth -= 1
+        else:
+            node = super().compose_node(parent, index)
+        if node is not None:
+            self._weigh(node, event)
+        return node
+
+    def _weigh(self, node: yaml.Node, event: yaml.Event) -> None:
+        if isinstance(event, yaml.AliasEvent):
+            if node not in self._sizes:
+                raise _Unbounded(event, "an alias inside of what it names")
+            self._count += self._sizes[node]
+        else:
+            self._count += 1
+            size = 1
+            if isinstance(node, yaml.SequenceNode):
+                size += sum(self._sizes[part] for part in node.value)
+            elif isinstance(node, yaml.MappingNode):
+                size += sum(self._sizes[part] for pair in node.value for part in pair)
+            self._sizes[node] = size
+        if self._count > MOST_VALUES:
+            raise _Unbounded(event, f"found more than {MOST_VALUES} values, with all aliases")
 
 
 def members(node: yaml.Node, name: str, expected: str) -> Iterator[tuple[str, yaml.Node, int]]:
@@ -192,7 +233,14 @@ def file_path(node: yaml.Node, name: str, key: str, folder: Path) -> Path:
     text = scalar_text(node, place(node, name), key)
     if not text or "\0" in text:
         raise refusal(node, name, key, "expected the path of a file")
-    return folder / text
+    path = folder / text
+    try:
+        mode = path.stat().st_mode
+    except OSError:
+        return path  # opening it says why
+    if not S_ISREG(mode):  # opening a FIFO, or a terminal, would wait for ever
+        raise refusal(node, name, key, "expected the path of a file, a regular one")
+    return path
 
 
 def refusal(node: yaml.Node, name: str, key: str, expected: str) -> SettingsError:

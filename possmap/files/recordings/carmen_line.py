@@ -49,6 +49,8 @@ def laid_out(kind: bytes, words: Sequence[bytes]) -> Layout:
         step = math.pi / (count if count % 2 == 0 else max(1, count - 1))
         start = math.pi / 2 if kind == b"RLASER" else -math.pi / 2
     angles = tuple(start + index * step for index in range(count))
+    if not all(map(math.isfinite, angles)):  # of finite numbers, but huge ones
+        raise ValueError
     layout = Layout(kind, count, first, angles, longest)
     laser, robot = poses(words, layout)
     _ = words[time_word(words, layout)]

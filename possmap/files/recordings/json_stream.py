@@ -17,6 +17,8 @@ LARGEST_ENTRY = 1 << 24
 """No entry of a recording is larger [characters]."""
 
 _TOO_LARGE = "an entry of more than 16 MiB"
+_PATIENCE = 1 << 25
+"""So much may be read in vain, more than of what is read well [characters]."""
 
 _CHUNK = 1 << 18
 _NAMED = 20
@@ -35,7 +37,9 @@ class _Cut(RecordingError):
 
 
 class _NotJson(RecordingError):
-    """Something else than JSON stands here."""
+    """Something else than JSON stands here; to find out, ``read`` characters were read."""
+
+    read = 0
 
 
 class _Text:
@@ -55,10 +59,17 @@ class _Text:
         """Read on; whether there was more to read."""
         if self.ended:
             return False
-        try:
-            data = self._read(_CHUNK)
-        except EOFError:
-            self.ended = True
+        data = b""
+        while len(data) < _CHUNK:  # a compressed file may give a byte at a time
+            try:
+                part = self._read(_CHUNK)
+            except EOFError:
+                part = b""
+            if not part:
+                self.ended = True
+                break
+            data += part
+        if not data:
             return False
         try:
             new = self._decode.decode(data)  # at the end, part of a character is a cut like others
@@ -66,12 +77,11 @@ class _Text:
             line = self.line + self.text.count("\n", self.at) + data.count(b"\n", 0, error.start)
             problem = "found bytes that are not UTF-8, expected JSON"
             raise RecordingError(f"{self.path}:{line}", problem) from error
-        self.ended = not data
         _ = self.line
         self._counted = 0
         self.text = self.text[self.at :] + new
         self.at = 0
-        return not self.ended
+        return True
 
     @property
     def line(self) -> int:
@@ -116,19 +126,19 @@ class _Text:
                 if not self._may_go_on(error):
                     raise self.fault(f"not JSON: {error.msg}", error.pos) from None
             except RecursionError:
-                raise self.fault("nested too deep") from None
+                raise self.fault("nested too deep", read=_PATIENCE) from None
             except ValueError:  # Python refuses to read whole numbers of thousands of digits
                 raise self.fault("a number of more than 4300 digits") from None
             else:
                 # Where the window ends, a number may go on.
                 is_number = isinstance(value, (int, float))
                 if end - self.at > LARGEST_ENTRY:
-                    raise self.fault(_TOO_LARGE)
+                    raise self.fault(_TOO_LARGE, read=LARGEST_ENTRY)
                 if not is_number or self.text[end : end + _ESCAPE] not in _NUMBER_ENDS:
                     self.at = end
                     return value
             if len(self.text) - self.at > LARGEST_ENTRY:
-                raise self.fault(_TOO_LARGE)
+                raise self.fault(_TOO_LARGE, read=LARGEST_ENTRY)
             if not self._grow():
                 raise self.cut()
 
@@ -148,9 +158,12 @@ class _Text:
             grown = True
         return grown
 
-    def fault(self, problem: str, at: int | None = None) -> RecordingError:
-        line = self.line + self.text.count("\n", self.at, self.at if at is None else at)
-        return _NotJson(f"{self.path}:{line}", problem)
+    def fault(self, problem: str, at: int | None = None, read: int = 0) -> RecordingError:
+        at = self.at if at is None else at
+        line = self.line + self.text.count("\n", self.at, at)
+        found = _NotJson(f"{self.path}:{line}", problem)
+        found.read = max(read, at - self.at)
+        return found
 
     def cut(self) -> _Cut:
         return _Cut(f"{self.path}:{self.line}", "not JSON: the file ends too early")
@@ -267,12 +280,20 @@ def _object(text: _Text) -> Iterator[tuple[int, str, Any]]:
 
 
 def _lines(text: _Text) -> Iterator[tuple[int, str, Any]]:
-    """Yield the objects of JSON Lines, one by one."""
+    """Yield the objects of JSON Lines, one by one; give up where too much is read in vain.
+
+    What is none may reach over many lines, each of which is then looked at for itself.
+    """
+    patience = _PATIENCE
     while text.skip_space():
-        line = text.line
+        line, start = text.line, text.at
         try:
             value = text.value()
-        except _NotJson:
+            patience = min(_PATIENCE, patience + max(0, text.at - start))
+        except _NotJson as fault:
+            patience -= fault.read
+            if patience < 0:
+                raise
             text.skip_line()
             value = None
         yield line, "", value

@@ -56,6 +56,7 @@ _KEYS = (
 _OF_FORMAT = {"rows": ("json",), **dict.fromkeys(("delimiter", "header", "comment"), ("csv",))}
 _FARTHEST_M = 10.0
 _MOST_BEAMS = 100_000
+_MOST_TABLES = 100
 
 
 def known_mappings() -> list[str]:
@@ -146,6 +147,8 @@ def _tables(root: yaml.Node, nodes: Nodes, name: str, form: str) -> tuple[Table,
     source = "topic" if form == "ros" else "file"
     tables = []
     listed = items(nodes["tables"], name, "tables", "expected a list of tables")
+    if len(listed) > _MOST_TABLES:
+        raise refusal(nodes["tables"], name, "tables", f"expected at most {_MOST_TABLES}")
     for node in listed:
         known = (source, *_IN_TABLE, *((_MOUNT,) if form == "ros" else ()))
         parts = known_members(node, name, known)

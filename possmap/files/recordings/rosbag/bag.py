@@ -12,8 +12,10 @@ from stat import S_ISDIR, S_ISREG
 from typing import TYPE_CHECKING, TypeAlias
 
 from possmap.errors import RecordingError, printable, shown
+from possmap.files.recordings.rosbag.checks import check_metadata
+from possmap.files.recordings.rosbag.definitions import LONGEST_LIST, check_text, check_types
 from possmap.files.recordings.rosbag.fields import Fields, short
-from possmap.files.recordings.rosbag.unpack import bound_mcap, bound_ros1
+from possmap.files.recordings.rosbag.unpack import bound_ros1, bounded_ros2
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -159,8 +161,10 @@ def opened(path: Path) -> Iterator[Bag]:
         ) from error
     try:
         reader: Reader1 | Reader2 = Reader1(path) if kind == _ROS1 else Reader2(path)
-        bound_mcap()
-        reader.open()
+        if not kind:
+            check_metadata(path / "metadata.yaml")
+        with bounded_ros2():
+            reader.open()
     except OSError as error:
         problem = f"cannot be read: {error.strerror or _detail(error)}"
         raise RecordingError(str(path), problem) from error
@@ -271,9 +275,11 @@ def _store(connection: Connection) -> Typestore | None:
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
     text = connection.msgdef.data
+    check_text(text, connection.msgdef.format == Form.IDL)
     if connection.msgdef.format == Form.NONE:
         # Bags tell their types since ROS 2 Iron, which also changed some of them.
         store = get_typestore(Stores.ROS2_HUMBLE)
+        store.max_sequence_length = LONGEST_LIST
         return store if connection.msgtype in store.fielddefs else None
     types = {}
     if connection.msgdef.format == Form.MSG:
@@ -283,6 +289,8 @@ def _store(connection: Connection) -> Typestore | None:
         parts = text.split(line)[1:] if text.startswith(f"{line}IDL: ") else [f"\n{text}"]
         for part in parts:  # each behind a line with its name
             types.update(get_types_from_idl(part.split("\n", 1)[1]))
+    check_types(types)
     store = get_typestore(Stores.EMPTY)
+    store.max_sequence_length = LONGEST_LIST
     store.register(types)
     return store
