@@ -69,3 +69,11 @@ def fused_digest(folder: Path, *logs: Log, settings: dict[str, Any] = SETTINGS) 
 
 WHOLE = log_of("r1")
 HINT = "another outing needs another excursion name"
+
+
+def way_in(log: str, grid: str = "site.possmap") -> str:
+    """Return how a conflict's message ends that says how to let the other log in."""
+    return (
+        f"{HINT}; if the other version is false, possmap forget {grid} --brought-by {log} "
+        "makes room for this one"
+    )

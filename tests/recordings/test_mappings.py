@@ -311,9 +311,9 @@ REFUSED = [
      "m.yaml:4: not YAML: while parsing a flow node: expected the node content"),
     (PLAIN + "\tgap: 1\n", "m.yaml:3: not YAML: "),
     ("a: " + "[" * 5000, "m.yaml:1: nested too deep, expected name: value"),
-    ("a: &a [*a]\n", 'm.yaml:1: unknown key "a", expected one of format'),
-    (CSV + "columns: &a {t: *a, x: x, y: y}\n", "m.yaml:2: t, found a mapping, expected one value"),
-    (CSV + "tables: &a [*a]\n", "m.yaml:2: found a list, expected file, columns, beams, scan"),
+    ("a: &a [*a]\n", "m.yaml:1: an alias inside of what it names"),
+    (CSV + "columns: &a {t: *a, x: x, y: y}\n", "m.yaml:2: an alias inside of what it names"),
+    (CSV + "tables: &a [*a]\n", "m.yaml:2: an alias inside of what it names"),
     ("format: csv\x00", "m.yaml: not YAML: unacceptable character"),
     ("a: 1\n---\nb: 1\n", "m.yaml:2: not YAML: expected a single document in the stream"),
     ("x" * (1 << 20) + "y",
@@ -331,10 +331,11 @@ def test_what_a_mapping_cannot_say_is_refused_with_its_line(
     assert len(found) < 400
 
 
-def test_a_mapping_of_many_aliases_is_read_or_refused_soon(tmp_path: Path) -> None:
+def test_a_mapping_of_many_aliases_is_refused_soon(tmp_path: Path) -> None:
     lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
     lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 30)]
-    assert refusal(tmp_path, "\n".join(lines)).startswith('m.yaml:1: unknown key "a0"')
+    found = refusal(tmp_path, "\n".join(lines))
+    assert found == "m.yaml:6: found more than 300000 values, with all aliases"
 
 
 def test_a_mapping_that_is_not_utf_8_is_refused(tmp_path: Path) -> None:
