@@ -95,3 +95,12 @@ def scalar(value: Value) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     return repr(value + 0.0) if isinstance(value, float) else str(value)
+
+
+def flat_robots(robots: RobotModels) -> dict[str, Value]:
+    """Return robots' entries under flat names."""
+    return {
+        f"robots.{robot}.{name}": value
+        for robot, parameters in sorted(robots.items())
+        for name, value in sorted(parameters.items())
+    }

@@ -25,7 +25,7 @@ from possmap.files.gridfile.ledger import Ledger
 from possmap.files.gridfile.soundness import Soundness
 from possmap.files.gridfile.tiles import TileStore
 from possmap.files.setting_table import SHAPING, Value, parse_setting
-from possmap.files.settings import assemble, flat_evidence
+from possmap.files.settings import assemble, flat_evidence, flat_robots
 
 LATER: Mapping[str, Value] = MappingProxyType({"path_width": 0.0})
 """Settings that the first grids did not have, with what they did."""
@@ -292,15 +292,6 @@ class Grid:
                 "read parts of it",
             )
         return window
-
-
-def flat_robots(robots: RobotModels) -> dict[str, Value]:
-    """Return robots' entries under flat names."""
-    return {
-        f"robots.{robot}.{name}": value
-        for robot, parameters in sorted(robots.items())
-        for name, value in sorted(parameters.items())
-    }
 
 
 def _frozen(array: CellArray) -> CellArray:
