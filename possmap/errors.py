@@ -88,6 +88,12 @@ def printable(text: str) -> str:
     return "".join(ch if ch.isprintable() else ascii(ch)[1:-1] for ch in text)
 
 
+def brief(name: str, limit: int = 80) -> str:
+    """Return a name out of a file of somebody else as ``printable`` does, but not at any length."""
+    text = printable(name[: limit + 1])  # a hostile one may be long
+    return text if len(text) <= limit else text[: limit - 3] + "..."
+
+
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """Return ``, did you mean "…"?`` for the closest of ``known``, or an empty string."""
     import difflib  # nobody needs it who makes no mistake

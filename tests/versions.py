@@ -71,9 +71,9 @@ WHOLE = log_of("r1")
 HINT = "another outing needs another excursion name"
 
 
-def way_in(log: str, grid: str = "site.possmap") -> str:
+def way_in(grid: str = "site.possmap") -> str:
     """Return how a conflict's message ends that says how to let the other log in."""
     return (
-        f"{HINT}; if the other version is false, possmap forget {grid} --brought-by {log} "
-        "makes room for this one"
+        f"{HINT}; if the other version is false, possmap forget {grid} --robot r1 --excursion a "
+        "--once makes room for this one"
     )

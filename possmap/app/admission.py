@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple
@@ -11,7 +12,7 @@ from typing import NamedTuple
 from possmap.app.stages import LaidOut
 from possmap.errors import LogError, plural, printable
 from possmap.files.gridfile.forgotten import SHORT, Forgotten
-from possmap.files.logs import Delivery, LogFile, Origin
+from possmap.files.logs import Delivery, LogFile
 
 
 class Sifted(NamedTuple):
@@ -67,20 +68,41 @@ class Admission:
         return None
 
     def _why(self, bar: Forgotten) -> str:
-        command = f"possmap forget {_word(self._grid)} {bar.options} --recall"
-        return f"{bar.title} was forgotten, {bar.forgotten_at}; {command} lets it in again"
+        grid = word(str(self._grid or "SITE.possmap"))
+        command = f"possmap forget {grid} {_options(bar)} --recall"
+        when = printable(bar.forgotten_at)
+        return f"{bar.title} was forgotten, {when}; {command} lets it in again"
 
 
-def how_to_forget(grid: Path, origin: Origin, others: Iterable[tuple[str, str, str]]) -> str:
-    """Return the command that takes out what a file brought.
+def how_to_forget(grid: Path, name: tuple[str, str]) -> str:
+    """Return the command that takes out one excursion, and lets it come again.
 
-    others : name and hash of files that the grid knows, and when they came.
+    name : robot and excursion.
     """
-    alike = any(name == origin.name and sha256 != origin.sha256 for name, sha256, _ in others)
-    plain = origin.name == printable(origin.name)
-    which = shlex.quote(origin.name) if plain and not alike else origin.sha256[:SHORT]
-    return f"possmap forget {_word(grid)} --brought-by {which}"
+    robot, excursion = map(word, name)
+    return f"possmap forget {word(str(grid))} --robot {robot} --excursion {excursion} --once"
 
 
-def _word(grid: Path | None) -> str:
-    return shlex.quote(printable(str(grid or "SITE.possmap")))
+def word(text: str) -> str:
+    """Return a text as one word of a shell's command, and as a terminal may show it.
+
+    What has control characters becomes ``$'...'``, which bash, zsh and POSIX of 2024 read.
+    """
+    if text == printable(text):
+        return shlex.quote(text)
+    return f"$'{''.join(_escaped(one) for one in text)}'"
+
+
+def _escaped(one: str) -> str:
+    if one.isprintable():
+        return f"\\{one}" if one in "\\'" else one
+    return "".join(f"\\{byte:03o}" for byte in os.fsencode(one))
+
+
+def _options(bar: Forgotten) -> str:
+    """Return what names it on a command line, whoever wrote it into the grid."""
+    if bar.robot is None:
+        return f"--brought-by {word((bar.sha256 or '')[:SHORT])}"
+    if bar.excursion is None:
+        return f"--robot {word(bar.robot)}"
+    return f"--robot {word(bar.robot)} --excursion {word(bar.excursion)}"

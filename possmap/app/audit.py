@@ -183,7 +183,7 @@ def _touching(grid: Grid, window: Window | None) -> Iterator[Entry]:
         identity
         for row in grid.tiles.directory.rows(window)
         for column in grid.tiles.directory.columns(row, window)
-        for identity in grid.ledger.touching(TileKey(row, column))
+        for identity in grid.ledger.known_in(TileKey(row, column))
     }
     yield from (entry for entry in grid.ledger.entries() if entry.identity in touching)
 

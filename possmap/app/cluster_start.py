@@ -69,6 +69,11 @@ def team(address: str) -> Iterator[Team]:
         else:
             place = f"the scheduler at {printable(address)}"
             seconds = cluster_client.CONNECT
+            if address.startswith("tls:") and not _has_certificates():
+                raise WorkerError(
+                    f"{place} asks for certificates, and dask's configuration names none "
+                    "(distributed.comm.tls)"
+                )
             try:
                 connected = Client(address, timeout=seconds, set_as_default=False)
             except (OSError, ValueError, RuntimeError):
@@ -79,6 +84,13 @@ def team(address: str) -> Iterator[Team]:
         found = Team(client, place)
         found.assemble()
         yield found
+
+
+def _has_certificates() -> bool:
+    """Whether dask is told with what to prove itself; without it fails half-way."""
+    import dask
+
+    return dask.config.get("distributed.comm.tls.ca-file", None) is not None
 
 
 def _silence() -> None:

@@ -7,7 +7,6 @@ back to the committer is packed too.
 from __future__ import annotations
 
 import pickle
-import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
@@ -24,6 +23,7 @@ from possmap.app.stages import (
     TileResult,
     lay_out,
     read_logs,
+    unpacked,
 )
 from possmap.core.evidence import Layer
 from possmap.core.fusion import LayerArray, TileLayers, blank, fuse_tile, merged
@@ -31,8 +31,8 @@ from possmap.core.lattice import TileKey
 from possmap.core.plan import ExcursionPlan, by_tile
 from possmap.core.pyramid import Ints
 from possmap.core.settings import EvidenceSettings
-from possmap.errors import GridError, WorkerError
-from possmap.files.gridfile.encoding import EncodedTile, decode, encode
+from possmap.errors import WorkerError
+from possmap.files.gridfile.encoding import EncodedTile, encode
 from possmap.files.gridfile.rows import ExcursionRows
 from possmap.release import version
 
@@ -233,20 +233,8 @@ def finish(task: bytes, partial: Partial) -> bytes:
     stored: Mapping[TileKey, Mapping[Layer, EncodedTile]] = unpack(task)
     found: list[TileResult] = []
     for key, layers in sorted(partial.tiles.items()):
-        held = _unpacked(key, stored.get(key, {}))
+        held = unpacked(key, stored.get(key, {}))
         whole = merged({layer: held[layer] for layer in layers if layer in held}, layers)
         packed = {layer: encode(layer, key, array) for layer, array in whole.items()}
         found.append(TileResult(key, packed))
     return pack(found)
-
-
-def _unpacked(key: TileKey, layers: Mapping[Layer, EncodedTile]) -> TileLayers:
-    found: TileLayers = {}
-    for layer, (bounds, _, data) in layers.items():
-        whole = found[layer] = blank(layer)
-        rows = slice(bounds.row0, bounds.row1)
-        try:
-            whole[rows, bounds.column0 : bounds.column1] = decode(layer, bounds, data)
-        except (ValueError, TypeError, zlib.error) as error:
-            raise GridError(f"tile {key.row}, {key.column}: {error}") from error
-    return found

@@ -23,6 +23,7 @@ from possmap.app.stages import (
 from possmap.app.workers import Spread, gathered, workers
 from possmap.core.plan import ExcursionPlan, by_tile
 from possmap.core.settings import EvidenceSettings
+from possmap.errors import GridError
 from possmap.files.gridfile.rows import ExcursionRows
 from possmap.files.gridfile.tiles import TileStore
 
@@ -135,5 +136,11 @@ class _LocalBatch:
     def tiles(self) -> tuple[int, Iterator[TileResult]]:
         count, works = by_tile(self._plans)
         self._plans.clear()
-        tasks = (TileTask(one, self._tiles.read(one.key), self._settings) for one in works)
-        return count, self._spread(stamp_tile, tasks)
+        tasks = (TileTask(one, self._tiles.packed(one.key), self._settings) for one in works)
+        return count, self._stamped(tasks)
+
+    def _stamped(self, tasks: Iterable[TileTask]) -> Iterator[TileResult]:
+        try:
+            yield from self._spread(stamp_tile, tasks)
+        except GridError as error:
+            raise self._tiles.damaged(str(error)) from error

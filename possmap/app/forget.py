@@ -29,8 +29,8 @@ _SHA256 = re.compile("[0-9a-f]{8,64}")
 class Target:
     """What to forget: a robot, or one excursion of it, or what a file brought.
 
-    brought_by : the file's name in the ledger, or how it ends, or how its SHA-256 begins, or a file
-        of the same bytes.
+    brought_by : how the file's SHA-256 begins, or its name in the ledger, or how that ends, or a
+        file of the same bytes.
     """
 
     robot: str | None = None
@@ -63,8 +63,9 @@ class Gone:
 class ForgetSummary:
     """What was forgotten.
 
-    what : the note that the grid keeps of it.
+    what : the note that the grid keeps of it, unless only ``once``.
     is_new : whether it was not forgotten before.
+    once : whether it may come again.
     excursions : what each lost.
     tiles : how many changed.
     digest : of the grid without it.
@@ -73,6 +74,7 @@ class ForgetSummary:
     grid: Path
     what: Forgotten
     is_new: bool
+    once: bool
     excursions: tuple[Gone, ...]
     tiles: int
     digest: str
@@ -84,9 +86,19 @@ class ForgetSummary:
 
 
 def forget(
-    path: Path, target: Target, *, budget: Budget | None = None, progress: Progress = quiet
+    path: Path,
+    target: Target,
+    *,
+    once: bool = False,
+    budget: Budget | None = None,
+    progress: Progress = quiet,
 ) -> ForgetSummary:
     """Take evidence out of a grid, in one transaction, and remember not to let it in again.
+
+    Parameters
+    ----------
+    once
+        Do not remember: it may come again.
 
     Raises
     ------
@@ -118,8 +130,9 @@ def forget(
                 forgotten_at=datetime.now(UTC).isoformat(timespec="seconds"),
                 version=version(),
             )
-            ledger.forgotten.add(noted)
-        return ForgetSummary(path, noted, known is None, gone, tiles, grid.digest())
+            if not once:
+                ledger.forgotten.add(noted)
+        return ForgetSummary(path, noted, known is None, once, gone, tiles, grid.digest())
 
 
 def recall(path: Path, target: Target) -> Forgotten:
@@ -177,9 +190,10 @@ def _file(
     """Return name and hash of the one file that is meant."""
     files = list(files)
     found = (
-        [one for one in files if one[0] == given]
+        # Hashes first: anybody may name his file like the hash of another.
+        [one for one in files if _SHA256.fullmatch(given) and one[1].startswith(given)]
+        or [one for one in files if one[0] == given]
         or [one for one in files if one[0].endswith(f"/{given}")]
-        or [one for one in files if _SHA256.fullmatch(given) and one[1].startswith(given)]
         or _of_same_bytes(files, Path(given))
     )
     alike = {sha256: name for name, sha256 in found}

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from possmap.app import urls
+from possmap.app.ledger_log import read_ledger
 from possmap.errors import LogError
-from possmap.files.gridfile.grid import Grid
 from possmap.files.limits import Limits
 from possmap.files.logs import (
     SUFFIXES,
-    Delivery,
     LogFile,
-    Origin,
-    Parcel,
     encoding_of,
     read_log,
     read_stdin,
@@ -79,7 +75,7 @@ def read(name: str, limits: Limits, allow_truncated: bool) -> LogFile:
     LogError
         For a log that cannot be trusted, or a folder without logs.
     GridError
-        For a grid that cannot be read.
+        For a grid that cannot be read, or whose ledger cannot be trusted.
     """
     if name == STDIN:
         return read_stdin(sys.stdin.buffer, limits, allow_truncated)
@@ -95,19 +91,5 @@ def read(name: str, limits: Limits, allow_truncated: bool) -> LogFile:
     if is_folder:
         raise LogError(name, f"the folder holds no logs, expected files of {', '.join(SUFFIXES)}")
     if is_grid(name):
-        return _ledger_of(path)
+        return read_ledger(path, limits)
     return read_log(path, limits, allow_truncated)
-
-
-def _ledger_of(path: Path) -> LogFile:
-    """Read all excursions of a grid, each version with the file that once held it."""
-    deliveries: list[Delivery] = []
-    with Grid(path) as grid, grid.snapshot():
-        origin = Origin(str(path), hashlib.sha256(grid.digest().encode()).hexdigest(), 0)
-        versions = {entry.name: grid.ledger.version(entry) for entry in grid.ledger.entries()}
-        for event in grid.ledger.came.events():
-            robot, excursion = event.name
-            what, known = event.what, versions[event.name].prefix(event.what.end)
-            place = f"{path}: {robot} {excursion}"
-            deliveries.append(Delivery(Parcel(known), place, what.origin, what.carrier))
-    return LogFile(origin, tuple(deliveries), is_ledger=True)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from possmap.app.admission import Admission, how_to_forget
 from possmap.app.stages import LaidOut
-from possmap.core.evidence import findings
+from possmap.core.evidence import Findings, findings
 from possmap.core.model import ErrorModel
-from possmap.core.pyramid import most_cells, swept_cells
+from possmap.core.pyramid import FARTHEST, most_cells, swept_cells
 from possmap.core.records import PartialMap, first_difference
 from possmap.errors import ConflictError, LogError, printable
 from possmap.files.gridfile.arrivals import Again, Part
@@ -116,7 +115,7 @@ class Judge:
             if found[name] is not known:
                 arrived.append((name, found[name].parts[-1]))
         new = {name: known for name, known in found.items() if known is not before[name]}
-        self._check_cells(list(new.values()), bounded=not log.is_ledger)
+        self._check_cells(list(new.values()), at_once=not log.is_ledger)
         arrived += self._again((delivery for delivery, _ in let_in.deliveries), arrived)
         self.arrived += arrived
         self._held.update(((name, what.origin.sha256), what.end) for name, what in arrived)
@@ -198,35 +197,39 @@ class Judge:
 
     def _blamed(self, known: Known, record: int | None, mine: Origin) -> tuple[str, str]:
         """Return what brought a record, for a message, and what to do if that is what is false."""
+        way_in = self._way_in(known.version)
         if self.ledger is not None:
             for arrival in self.ledger.arrivals(known.version.name):
                 if record is None or arrival.part.holds(record):
-                    origin = arrival.part.origin
-                    place = f"{printable(origin.name)}, fused {arrival.fused_at}"
-                    return place, self._way_in(origin)
+                    name = printable(arrival.part.origin.name)
+                    return f"{name}, fused {printable(arrival.fused_at)}", way_in
         for part, place in zip(known.parts, known.places, strict=True):
             if record is None or part.holds(record):
                 # What one file says of itself, or what will not be kept, cannot be forgotten.
                 lasts = part.origin != mine and not self.strict
-                return printable(place), self._way_in(part.origin) if lasts else ""
+                return printable(place), way_in if lasts else ""
         return "the grid", ""
 
-    def _way_in(self, origin: Origin) -> str:
+    def _way_in(self, version: PartialMap) -> str:
+        """Return the advice that always works, and takes no other excursion from anybody."""
         if self.grid is None:
             return ""
-        sources = self.ledger.came.sources() if self.ledger else ()
-        command = how_to_forget(self.grid, origin, sources)
+        command = how_to_forget(self.grid, version.name)
         return f"; if the other version is false, {command} makes room for this one"
 
-    def _check_cells(self, new: Sequence[Known], bounded: bool) -> None:
+    def _check_cells(self, new: Sequence[Known], at_once: bool) -> None:
         """Refuse what touches more cells than the limits allow, before any is touched.
 
-        bounded : whether the file as a whole is.
+        at_once : whether the file as a whole is bounded, or, as each came in one, the excursions.
         """
+        if not at_once:
+            for one in new:
+                self._check_cells([one], at_once=True)
+            return
         limits, resolution = self.settings.limits, self.settings.evidence.resolution
-        most = [most_cells(one.parcel.span, one.model, resolution) for one in new]
+        most = [most_cells(one.parcel.span, one.parcel.count, one.model, resolution) for one in new]
         whole = sum(one.parcel.count * cells for one, cells in zip(new, most, strict=True))
-        in_all = limits.limit_file_cells if bounded else math.inf
+        in_all = limits.limit_file_cells
         if max(most, default=0) <= limits.limit_record_cells and whole <= in_all:
             return
         exact = sum(self._cells_touched(known) for known in new)
@@ -237,10 +240,24 @@ class Judge:
                 "(setting limit_file_cells)",
             )
 
+    def _check_places(self, known: Known, found: Findings) -> None:
+        """Refuse a record that the correction takes off every lattice."""
+        most = FARTHEST * self.settings.evidence.resolution
+        for number, at in found.geometry.items():
+            away = max(abs(at.x), abs(at.y), abs(at.x2), abs(at.y2))
+            if not away < most:
+                raise LogError(
+                    known.places[-1],
+                    f"seq {known.version.records[number].seq} of excursion "
+                    f"{known.version.excursion} of robot {known.version.robot} lies, corrected, "
+                    f"{away:.3g} m from the origin, expected less than {most:.3g}",
+                )
+
     def _cells_touched(self, known: Known) -> int:
         """Return an upper bound of the cells that an excursion touches, each record's by itself."""
         settings, limit = self.settings.evidence, self.settings.limits.limit_record_cells
         found = findings(known.version, known.model, settings)
+        self._check_places(known, found)
         cells: dict[int, int] = {}
         for one in found.evidence:
             for segment in one.segments:

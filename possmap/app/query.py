@@ -84,12 +84,13 @@ def query(
 
 def _witnesses(grid: Grid, window: Window) -> Iterator[Witness]:
     """Lay out again what touches the tile, and stamp its records into the one cell."""
-    touching = grid.ledger.touching(TileKey(window.row0 // TILE, window.column0 // TILE))
+    key = TileKey(window.row0 // TILE, window.column0 // TILE)
+    known = frozenset(grid.ledger.known_in(key))
     settings = grid.settings
     for entry in grid.ledger.entries():
-        numbers = touching.get(entry.identity)
-        if not numbers:
+        if entry.identity not in known:
             continue
+        numbers = grid.ledger.numbers_in(key, entry)
         version = grid.ledger.version(entry)
         found = findings(version, entry.model, settings)
         for one in found.evidence:

@@ -15,10 +15,14 @@ from possmap.errors import GridError, printable
 from possmap.files.atomic import check_output, name_beside
 from possmap.files.budget import Budget
 from possmap.files.gridfile.arrivals import Event
-from possmap.files.gridfile.database import journal_of
+from possmap.files.gridfile.claims import forgotten_faults
 from possmap.files.gridfile.grid import Grid
 from possmap.files.gridfile.ledger import Entry
+from possmap.files.gridfile.soundness import title
 from possmap.files.logs import Parcel
+
+BESIDE = ("-journal", "-wal", "-shm")
+"""What the names of the files end with that SQLite may keep beside a database."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +30,7 @@ class Repaired:
     """What was saved.
 
     excursions, records, tiles : what the new file holds.
-    lost : why an excursion could not be saved, one line each.
+    lost : why an excursion could not be saved, or is in doubt, one line each.
     digest : of the new file.
     same : whether the damaged file has, or had, the same digest.
     """
@@ -68,11 +72,13 @@ def repair(
     target = output.resolve()
     if target == path.resolve():
         raise GridError(f"{printable(str(path))}: would replace itself, expected another -o")
-    if journal_of(target).exists():  # it would be rolled back into the new file
-        raise GridError(
-            f"{printable(str(journal_of(output)))}: belongs to a writer that was interrupted, or "
-            "still writes; remove it if the grid that it belonged to may go"
-        )
+    for end in BESIDE:  # SQLite would take its pages into the new file
+        if target.with_name(target.name + end).exists():
+            left = output.with_name(output.name + end)
+            raise GridError(
+                f"{printable(str(left))}: belongs to a writer that was interrupted, or "
+                "still writes; remove it if the grid that it belonged to may go"
+            )
     beside = name_beside(target)
     try:
         with Grid(path, budget=budget) as old, old.snapshot():
@@ -86,7 +92,7 @@ def repair(
         beside.replace(target)
         return made
     except BaseException:
-        for left in (beside, journal_of(beside)):
+        for left in (beside, *(beside.with_name(beside.name + end) for end in BESIDE)):
             left.unlink(missing_ok=True)
         raise
 
@@ -131,15 +137,31 @@ class _Saved:
 
     def _sound(self, identities: Iterable[int]) -> Iterator[tuple[Entry, Parcel]]:
         """Yield the excursions in which nothing is wrong, and note what is with the others."""
+        claims = self._old.soundness.claims
+        settings, robots = self._old.settings, self._old.robots
         for identity in identities:
             faults = list(self._old.soundness.excursion(identity))
             entry = None if faults else self._old.ledger.entry_of(identity)
-            if entry is None:
-                self.lost += faults
+            if entry is not None:
+                own = claims.own_model(entry, settings)
+                faults += [f"{title(entry)}: {fault}" for fault in own]
+            self.lost += faults
+            if entry is None or faults:
                 continue
+            doubts = claims.model(entry, settings, robots)
+            self.lost += [f"{title(entry)}: in doubt: {doubt}" for doubt in doubts]
             self.excursions += 1
             self.records += entry.records
             yield entry, Parcel(self._old.ledger.version(entry))
+
+    def _events(self, names: set[tuple[str, str]]) -> list[Event]:
+        """Return all that came of what was saved, in its order."""
+        came = self._old.ledger.came
+        try:
+            return [one for one in came.events() if one.name in names]
+        except GridError:  # of an excursion that is lost: ask for the others one by one
+            found = [one for name in sorted(names) for one in came.events(name)]
+            return sorted(found, key=lambda one: one.source)
 
     def _arrivals_into(self, new: Grid, names: set[tuple[str, str]]) -> None:
         """Copy what came by which file, in its order, and what was forgotten."""
@@ -147,8 +169,13 @@ class _Saved:
         def source(event: Event) -> tuple[int, str, str]:
             return event.source, event.fused_at, event.version
 
-        events = (one for one in self._old.ledger.came.events() if one.name in names)
-        for (_, fused_at, version), some in groupby(events, key=source):
+        for (_, fused_at, version), some in groupby(self._events(names), key=source):
             new.ledger.came.add([(one.name, one.what) for one in some], fused_at, version)
+        seen: set[tuple[str | None, ...]] = set()
         for forgotten in self._old.ledger.forgotten.all():
-            new.ledger.forgotten.add(forgotten)
+            faults = list(forgotten_faults(forgotten))
+            self.lost += faults
+            key = forgotten.robot, forgotten.excursion, forgotten.sha256
+            if not faults and key not in seen:
+                new.ledger.forgotten.add(forgotten)
+            seen.add(key)

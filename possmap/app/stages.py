@@ -5,21 +5,22 @@ Every function here is pure but for the file that it reads, and takes and return
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 from possmap.app import inputs
 from possmap.core.evidence import Layer, findings
-from possmap.core.fusion import TileLayers, fuse_tile
-from possmap.core.lattice import TileKey
+from possmap.core.fusion import TileLayers, blank, fuse_tile
+from possmap.core.lattice import TILE, TileKey
 from possmap.core.model import ErrorModel
 from possmap.core.plan import ExcursionPlan, TileWork, plan_excursion
 from possmap.core.pyramid import most_cells
 from possmap.core.settings import EvidenceSettings
 from possmap.errors import BudgetError, GridError, LogError, printable
 from possmap.files.budget import Budget
-from possmap.files.gridfile.encoding import EncodedTile, encode
+from possmap.files.gridfile.encoding import EncodedTile, decode, encode
 from possmap.files.gridfile.rows import ExcursionRows, excursion_rows
 from possmap.files.limits import Limits
 from possmap.files.logs import Delivery, LogFile, Parcel
@@ -83,10 +84,10 @@ class LaidOut(NamedTuple):
 
 
 class TileTask(NamedTuple):
-    """A tile, what to stamp into it, and what it holds."""
+    """A tile, what to stamp into it, and what it holds, as it is stored."""
 
     work: TileWork
-    layers: TileLayers
+    stored: Mapping[Layer, EncodedTile]
     settings: EvidenceSettings
 
 
@@ -110,7 +111,9 @@ def _read(name: str, task: ReadTask) -> Read:
             task.budget.check_log(name, inputs.size_of(name))
         log = inputs.read(name, replace(task.limits, limit_file_mib=most), task.allow_truncated)
     except (LogError, GridError, BudgetError) as error:
-        return Read(name, None, str(error))
+        by_budget = most < task.limits.limit_file_mib
+        setting = f"(--memory {task.budget.mib})" if by_budget else "(setting limit_file_mib)"
+        return Read(name, None, str(error).replace("(setting limit_file_mib)", setting))
     except MemoryError:
         return Read(name, None, f"{printable(name)}: takes more memory than there is")
     if task.foresee is None or inputs.is_grid(name):
@@ -121,7 +124,7 @@ def _read(name: str, task: ReadTask) -> Read:
 def _foreseen(delivery: Delivery, settings: Settings) -> LaidOut | None:
     """Lay out a robot's own excursion; what was carried home, others will deliver too."""
     parcel, model = delivery.parcel, settings.model_in_force(*delivery.parcel.terms)
-    most = most_cells(parcel.span, model, settings.evidence.resolution)
+    most = most_cells(parcel.span, parcel.count, model, settings.evidence.resolution)
     if delivery.carrier is not None or most > settings.limits.limit_record_cells:
         return None
     return _laid_out(LayoutTask(parcel, model, 0, settings.evidence))
@@ -141,7 +144,36 @@ def _laid_out(task: LayoutTask) -> LaidOut:
 
 
 def stamp_tile(task: TileTask) -> TileResult:
-    """Stamp everything new into one tile."""
-    changed = fuse_tile(task.work, task.layers, task.settings)
+    """Stamp everything new into one tile.
+
+    Raises
+    ------
+    GridError
+        If the stored tile is damaged.
+    """
     key = task.work.key
+    changed = fuse_tile(task.work, unpacked(key, task.stored), task.settings)
     return TileResult(key, {layer: encode(layer, key, array) for layer, array in changed.items()})
+
+
+def unpacked(key: TileKey, stored: Mapping[Layer, EncodedTile]) -> TileLayers:
+    """Return the layers of a stored tile.
+
+    Raises
+    ------
+    GridError
+        If it is damaged; the message does not know which grid's it is.
+    """
+    found: TileLayers = {}
+    for layer, (bounds, _, data) in stored.items():
+        whole = found[layer] = blank(layer)
+        try:
+            if not 0 <= bounds.row0 < bounds.row1 <= TILE:
+                raise ValueError("bounds outside the tile")
+            if not 0 <= bounds.column0 < bounds.column1 <= TILE:
+                raise ValueError("bounds outside the tile")
+            cells = decode(layer, bounds, data)
+        except (ValueError, TypeError, zlib.error) as error:
+            raise GridError(f"tile {key.row}, {key.column}: {error}") from error
+        whole[bounds.row0 : bounds.row1, bounds.column0 : bounds.column1] = cells
+    return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from possmap.app.progress import Progress, quiet
 from possmap.app.refuse import Refused
 from possmap.core.evidence import Layer
 from possmap.core.lattice import TileKey
-from possmap.errors import PossmapError, printable
+from possmap.errors import GridError, PossmapError, printable
 from possmap.files.budget import Budget
 from possmap.files.gridfile.encoding import encode
 from possmap.files.gridfile.grid import Grid
@@ -84,7 +84,7 @@ class _Look:
     """Goes through a grid, and counts what it looked at."""
 
     def __init__(self, grid: Grid, full: bool, progress: Progress) -> None:
-        self._grid, self._soundness = grid, grid.soundness
+        self._grid, self._soundness, self._claims = grid, grid.soundness, grid.soundness.claims
         self._full, self._progress = full, progress
         self.tiles = self.excursions = self.refused = 0
 
@@ -94,12 +94,16 @@ class _Look:
             yield from self._soundness.structure()
             self.tiles = self._grid.tiles.directory.count()
             yield from self._soundness.tiles()
+            yield from self._claims.forgotten()
+            yield from self._claims.strays()
             faulty = False
             for identity in self._progress(self._grid.ledger.identities(), "excursion"):
                 self.excursions += 1
                 for fault in self._soundness.excursion(identity):
                     faulty = True
                     yield fault
+            yield from self._claims.settings()
+            yield from self._model_faults()
             if faulty:
                 yield "the tiles were not compared with the ledger, which is damaged"
             else:
@@ -107,12 +111,28 @@ class _Look:
         except PossmapError as error:
             yield str(error).removeprefix(f"{printable(str(self._grid.path))}: ")
 
+    def _model_faults(self) -> Iterator[str]:
+        """Hold the models in force against what excursions and settings say."""
+        settings, robots = self._grid.settings, self._grid.robots
+        for identity in self._grid.ledger.identities():
+            try:
+                entry = self._grid.ledger.entry_of(identity)
+                if entry is not None:
+                    for fault in self._claims.own_model(entry, settings):
+                        yield f"{title(entry)}: {fault}"
+                    for fault in self._claims.model(entry, settings, robots):
+                        yield f"{title(entry)}: {fault}"
+            except GridError:  # it cannot be read: that was said
+                continue
+
     def _against_ledger(self) -> Iterator[str]:
         """Fuse tiles again, and lay out again the excursions that touch them."""
         anew, ledger = Refused(self._grid), self._grid.ledger
         seen: set[int] = set()
-        for key in self._progress(self._chosen(), "tile"):
-            touching = [ledger.entry_of(identity) for identity in sorted(ledger.touching(key))]
+        counts = [len(keys) for keys in self._soundness.keys_by_row()]
+        total = sum(counts) if self._full else min(SAMPLE, sum(counts))
+        for key in self._progress(self._chosen(counts), "tile", total):
+            touching = [ledger.entry_of(identity) for identity in ledger.known_in(key)]
             entries = [entry for entry in touching if entry is not None]
             for entry in entries:
                 if entry.identity not in seen:
@@ -125,19 +145,25 @@ class _Look:
                 if entry.identity not in seen:
                     yield from self._layout_fault(anew, entry)
 
-    def _chosen(self) -> list[TileKey]:
-        """Return the tiles to fuse again: all, or some, the same ones each time."""
-        keys = self._soundness.keys()
-        if self._full or len(keys) <= SAMPLE:
-            return keys
-        rng = np.random.default_rng(len(keys))
-        return [keys[n] for n in sorted(rng.choice(len(keys), SAMPLE, replace=False).tolist())]
+    def _chosen(self, counts: list[int]) -> Iterator[TileKey]:
+        """Yield the tiles to fuse again: all, or some, the same ones each time.
+
+        counts : how many there are, row by row: they are never all held at once.
+        """
+        total = sum(counts)
+        chosen: set[int] | None = None
+        if not self._full and total > SAMPLE:
+            rng = np.random.default_rng(total)
+            chosen = set(rng.choice(total, SAMPLE, replace=False).tolist())
+        for number, key in enumerate(chain.from_iterable(self._soundness.keys_by_row())):
+            if chosen is None or number in chosen:
+                yield key
 
     def _layout_fault(self, anew: Refused, entry: Entry) -> Iterator[str]:
         geometry, plan = anew.laid_out(entry)
         if geometry != self._grid.ledger.geometry(entry):
             yield f"{title(entry)}: its places are not those of its records"
-        if plan.touched() != self._soundness.touched(entry):
+        if not self._soundness.is_touched(entry, plan.touched()):
             yield f"{title(entry)}: its tiles are not those that its records touch"
 
     def _tile_faults(self, key: TileKey, anew: Refused, entries: list[Entry]) -> Iterator[str]:

@@ -5,19 +5,22 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
-from possmap.errors import WorkerError
+from possmap.errors import WorkerError, printable
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor, Future
+    from concurrent.futures import Executor, Future, ProcessPoolExecutor
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 Sized = TypeVar("Sized")
 
 IN_FLIGHT = 3
-"""Tasks per worker that are waiting or done and not yet fetched: what bounds memory."""
+"""Tasks per worker that are waiting or being done."""
+
+AHEAD = 3
+"""How many times as many may be done and not yet fetched besides: what bounds memory."""
 
 
 class Spread(Protocol):
@@ -42,14 +45,11 @@ def workers(jobs: int) -> Iterator[Spread]:
         yield map
         return
     # Slow to import, and one process needs none of it.
-    import multiprocessing
-    from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
+    from concurrent.futures import BrokenExecutor
 
-    # Not forked: a child must not inherit the connection to the grid.
-    spawned = multiprocessing.get_context("spawn")
     try:
-        with ProcessPoolExecutor(jobs, spawned, initializer=_begin) as pool:
-            yield lambda function, tasks: _in_order(pool, function, tasks, jobs * IN_FLIGHT)
+        with _started(jobs) as pool:
+            yield _Pool(pool, jobs * IN_FLIGHT)
     except BrokenExecutor as error:
         raise WorkerError(
             "a process of --jobs ended early, perhaps for want of memory; the grid holds whole "
@@ -57,16 +57,91 @@ def workers(jobs: int) -> Iterator[Spread]:
         ) from error
 
 
-def _in_order(
-    pool: Executor, function: Callable[[Task], Result], tasks: Iterable[Task], most: int
-) -> Iterator[Result]:
-    waiting: deque[Future[Result]] = deque()
-    for task in tasks:
-        waiting.append(pool.submit(function, task))
-        if len(waiting) >= most:
-            yield waiting.popleft().result()
-    while waiting:
-        yield waiting.popleft().result()
+def _started(jobs: int) -> ProcessPoolExecutor:
+    """Return a pool whose processes are on their way.
+
+    Ctrl-C goes to every process of a terminal's group; theirs is to be told by this one.
+    """
+    try:
+        import multiprocessing
+        from concurrent.futures import ProcessPoolExecutor
+
+        # Not forked: a child must not inherit the connection to the grid.
+        pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), initializer=_begin)
+        with _deaf_to_interrupts():
+            for _ in range(jobs):  # none is started before there is something to do
+                pool.submit(int)
+    except (OSError, ImportError) as error:
+        raise WorkerError(
+            f"processes of --jobs cannot be started: {printable(str(error))[:200]}; the grid is as "
+            "it was"
+        ) from error
+    return pool
+
+
+@contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Let what is started meanwhile ignore Ctrl-C, from its first moment on."""
+    import signal
+    from threading import current_thread, main_thread
+
+    if current_thread() is not main_thread():  # nobody else may
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+class _Pool:
+    """Spreads several kinds of work over one pool of processes."""
+
+    def __init__(self, executor: Executor, most: int) -> None:
+        self.executor, self.most = executor, most
+        self.open: list[_InOrder[Any, Any]] = []
+
+    def __call__(
+        self, function: Callable[[Task], Result], tasks: Iterable[Task], /
+    ) -> Iterator[Result]:
+        work = _InOrder(self, function, tasks)
+        self.open.append(work)
+        return work
+
+
+class _InOrder(Iterator[Result], Generic[Task, Result]):
+    """Results in the order of the tasks, of which a few are always on their way."""
+
+    def __init__(
+        self, pool: _Pool, function: Callable[[Task], Result], tasks: Iterable[Task]
+    ) -> None:
+        self._pool, self._function, self._tasks = pool, function, iter(tasks)
+        self._waiting: deque[Future[Result]] = deque()
+
+    def __next__(self) -> Result:
+        self._go_ahead()
+        if self._waiting:
+            return self._waiting.popleft().result()
+        if self in self._pool.open:
+            self._pool.open.remove(self)
+        # What follows now, a commit perhaps, is nothing for workers: let them read on.
+        for other in self._pool.open:
+            other._go_ahead()
+        raise StopIteration
+
+    def _go_ahead(self) -> None:
+        """Begin with more tasks while there is room for them."""
+        most = self._pool.most
+        while len(self._waiting) < AHEAD * most and self._undone() < most:
+            for task in self._tasks:
+                self._waiting.append(self._pool.executor.submit(self._function, task))
+                break
+            else:
+                return
+
+    def _undone(self) -> int:
+        return sum(not one.done() for one in self._waiting)
 
 
 def gathered(

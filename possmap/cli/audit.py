@@ -107,7 +107,10 @@ def _listed(sides: Sequence[Side], top: int) -> list[Side]:
 
 
 def _name(side: Side) -> str:
-    return side.robot if side.excursion is None else f"{side.robot} {side.excursion}"
+    from possmap.errors import brief
+
+    names = (side.robot,) if side.excursion is None else (side.robot, side.excursion)
+    return " ".join(map(brief, names))
 
 
 def _suspects(found: Audit) -> str:

@@ -167,7 +167,7 @@ def _value(value: Value | None) -> str:
 
 
 def _excursions_as_text(found: DiffSummary) -> Iterator[str]:
-    from possmap.errors import plural
+    from possmap.errors import brief, plural
 
     one = found.excursions
     a, b = one.records
@@ -178,10 +178,10 @@ def _excursions_as_text(found: DiffSummary) -> Iterator[str]:
     for entries, which in ((one.only_a, "A"), (one.only_b, "B")):
         for entry in entries:
             records = plural(entry.records, "record")
-            yield f"  {entry.robot} {entry.excursion}: {records}, only in {which}"
+            yield f"  {brief(entry.robot)} {brief(entry.excursion)}: {records}, only in {which}"
     notes: dict[str, list[str]] = {}
     for changed in one.changed:
-        name = f"{changed.robot} {changed.excursion}"
+        name = f"{brief(changed.robot)} {brief(changed.excursion)}"
         notes.setdefault(", ".join(_changes(changed)), []).append(name)
     for note, names in notes.items():
         # One other setting changes the model of every excursion: that is said once.

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     help="Forget what only this file brought: its name as possmap info shows it, or how that "
     "ends, or how its SHA-256 begins, or a file of the same bytes.",
 )
+@click.option("--once", is_flag=True, help="Keep no memory of it: it may come again.")
 @click.option(
     "--recall", is_flag=True, help="Let it in again; its logs must then be fused once more."
 )
@@ -39,6 +40,7 @@ def forget(
     robot: str | None,
     excursion: str | None,
     brought_by: str | None,
+    once: bool,
     recall: bool,
     budget: Budget,
     as_json: bool,
@@ -47,7 +49,7 @@ def forget(
 
     The grid is then the one that fusing the same logs without it would make, and has its digest.
     What a forgotten robot carried for others stays. The grid remembers what was forgotten, and
-    fuse does not let it in until --recall says so.
+    fuse does not let it in until --recall says so; with --once it may come again at any time.
     """
     from possmap.app.forget import Target
     from possmap.app.forget import forget as take_out
@@ -58,11 +60,17 @@ def forget(
         raise click.UsageError("expected either --robot or --brought-by")
     if excursion is not None and robot is None:
         raise click.UsageError("--excursion needs --robot")
+    for option, value in (("robot", robot), ("excursion", excursion), ("brought-by", brought_by)):
+        if value == "":
+            raise click.UsageError(f"--{option} is empty, expected a name")
+    if once and recall:
+        raise click.UsageError("--once and --recall exclude each other")
     target: Target = Target(robot, excursion, brought_by)
     if recall:
         _say(ctx, as_json, *_recalled(grid, let_in(grid, target)))
     else:
-        _say(ctx, as_json, *_forgotten(take_out(grid, target, budget=budget, progress=bar)))
+        done = take_out(grid, target, once=once, budget=budget, progress=bar)
+        _say(ctx, as_json, *_forgotten(done))
 
 
 def _say(ctx: click.Context, as_json: bool, told: dict[str, Any], lines: list[str]) -> None:
@@ -87,6 +95,7 @@ def _forgotten(done: ForgetSummary) -> tuple[dict[str, Any], list[str]]:
     told = {
         "grid": str(done.grid),
         "forgotten": as_told(done.what),
+        "once": done.once,
         "excursions": [asdict(one) for one in done.excursions],
         "records": done.records,
         "tiles": done.tiles,
@@ -94,7 +103,7 @@ def _forgotten(done: ForgetSummary) -> tuple[dict[str, Any], list[str]]:
     }
     name = printable(str(done.grid))
     if not done.is_new:
-        since = f"is forgotten since {done.what.forgotten_at}, and nothing of it is here"
+        since = f"is forgotten since {printable(done.what.forgotten_at)}, and nothing of it is here"
         return told, [f"{name}: {done.what.title} {since}"]
     lines = [
         f"{name}: forgot {done.what.title}: {plural(done.records, 'record')} of "

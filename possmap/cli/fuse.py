@@ -131,6 +131,7 @@ def fuse(
                             "records_new": log.records_new,
                             "records_known": log.records_known,
                             "error": log.error,
+                            **({"note": log.note} if log.note else {}),
                         }
                         for log in summary.logs
                     ],

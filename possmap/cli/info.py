@@ -97,7 +97,7 @@ def _own(found: GridInfo, entry: Entry) -> dict[str, float]:
 
 
 def _as_text(found: GridInfo) -> list[str]:
-    from possmap.errors import plural, printable
+    from possmap.errors import brief, plural, printable
     from possmap.files.gridfile.arrivals import Part
     from possmap.files.setting_table import SHAPING
     from possmap.files.settings import Settings, flat_evidence, scalar
@@ -133,20 +133,21 @@ def _as_text(found: GridInfo) -> list[str]:
     events = found.events_by_excursion()
     for one in found.excursions:
         own = ", ".join(f"{name} {scalar(value)}" for name, value in _own(found, one).items())
-        line = f"  {one.robot} {one.excursion}: {plural(one.records, 'record')}"
+        line = f"  {brief(one.robot)} {brief(one.excursion)}: {plural(one.records, 'record')}"
         lines += [f"{line}, its own {own}" if own else line]
         for event in events.get(one.name, ()):
             part = event.what
             if isinstance(part, Part):
-                carrier = f", carried by {' '.join(part.carrier)}" if part.carrier else ""
-                lines += [f"    {part.count} from {printable(part.origin.name)}{carrier}"]
+                by = " ".join(map(brief, part.carrier or ()))
+                carrier = f", carried by {by}" if by else ""
+                lines += [f"    {part.count} from {brief(part.origin.name)}{carrier}"]
     return lines
 
 
 def _forgotten(one: Forgotten) -> str:
-    from possmap.errors import plural
+    from possmap.errors import brief, plural
 
     return (
-        f"{one.title}, {one.forgotten_at}: {plural(one.records, 'record')} of "
+        f"{one.title}, {brief(one.forgotten_at)}: {plural(one.records, 'record')} of "
         f"{plural(one.excursions, 'excursion')}"
     )

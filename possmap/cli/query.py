@@ -59,6 +59,7 @@ def query(
     within the error rectangle of this cell.
     """
     from possmap.app.query import query as ask
+    from possmap.errors import brief
 
     report = ask(grid, x, y, options.chosen_base_rate(config, base_rate), budget)
     if as_json:
@@ -74,9 +75,8 @@ def query(
     click.echo(f"point         necessity {report.views['points']:.4f}")
     click.echo(f"records       {len(report.witnesses) or 'none'}")
     for one in report.witnesses:
-        click.echo(
-            f"  {one.robot} {one.excursion} seq {one.seq} ({one.kind}): {one.says} {one.value:.4f}"
-        )
+        record = f"{brief(one.robot)} {brief(one.excursion)} seq {one.seq} ({one.kind})"
+        click.echo(f"  {record}: {one.says} {one.value:.4f}")
 
 
 def _in_words(necessity: float, possibility: float) -> str:

@@ -164,6 +164,26 @@ static void raise_block(const Block *b, const double *s, i64 first, i64 last, do
 
 /* ------------------------------------------------------------------ what Python calls */
 
+#define FARTHEST 4e15 /* cells: beyond, doubles know no single cell */
+
+/* Whether a buffer is whole rows of doubles that can be cells; sets an error if not. */
+static int are_segments(const Py_buffer *segments, double c)
+{
+    const double *s = segments->buf;
+    i64 count = segments->len / (i64)(COLUMNS * sizeof(double));
+    int sound = segments->itemsize == (Py_ssize_t)sizeof(double)
+                && segments->len % (i64)(COLUMNS * sizeof(double)) == 0 && c > 0 && isfinite(c);
+    for (; sound && count > 0; count--, s += COLUMNS) {
+        double widest = 0;
+        for (int i = 0; i < COLUMNS; i++) sound = sound && isfinite(s[i]);
+        for (int i = X0; i <= Y1; i++) sound = sound && fabs(s[i]) < FARTHEST * c;
+        for (int i = HALF_X0; i <= HALF_Y1; i++) widest = s[i] > widest ? s[i] : widest;
+        sound = sound && (widest < FARTHEST * c || s[MAX_ERROR] < FARTHEST * c);
+    }
+    if (!sound) PyErr_SetString(PyExc_ValueError, "segments that are on no lattice");
+    return sound;
+}
+
 typedef struct {
     Py_buffer block, segments, pieces;
     Block b;
@@ -171,7 +191,7 @@ typedef struct {
 } Call;
 
 static int open_call(Call *call, PyObject *block, PyObject *segments, PyObject *pieces,
-                     Py_ssize_t cell)
+                     Py_ssize_t cell, double c)
 {
     const Block *b = &call->b;
     memset(&call->block, 0, sizeof call->block);
@@ -182,6 +202,9 @@ static int open_call(Call *call, PyObject *block, PyObject *segments, PyObject *
         || PyObject_GetBuffer(segments, &call->segments, PyBUF_C_CONTIGUOUS) < 0
         || PyObject_GetBuffer(pieces, &call->pieces, PyBUF_C_CONTIGUOUS) < 0)
         return -1;
+    if (!are_segments(&call->segments, c)) return -1;
+    if (call->pieces.len % (i64)(PIECE_COLUMNS * sizeof(i64)))
+        return PyErr_SetString(PyExc_ValueError, "pieces that are no whole rows"), -1;
     i64 count = call->segments.len / (i64)(COLUMNS * sizeof(double));
     i64 listed = call->pieces.len / (i64)(PIECE_COLUMNS * sizeof(i64));
     const i64 *piece = call->pieces.buf;
@@ -217,7 +240,7 @@ static PyObject *raise_(PyObject *self, PyObject *args)
                           &pieces, &c))
         return NULL;
     call.b = (Block){NULL, row0, column0, rows, columns};
-    if (open_call(&call, block, segments, pieces, sizeof(uint16_t)) < 0) return close_call(&call, 0);
+    if (open_call(&call, block, segments, pieces, sizeof(uint16_t), c) < 0) return close_call(&call, 0);
     call.b.values = call.block.buf;
     const double *s = call.segments.buf;
     const i64 *piece = call.pieces.buf, *end = piece + call.pieces.len / (i64)sizeof(i64);
@@ -264,7 +287,7 @@ static PyObject *reinforce(PyObject *self, PyObject *args)
         || PyObject_GetBuffer(table_object, &table, PyBUF_C_CONTIGUOUS) < 0)
         return NULL;
     call.b = (Block){NULL, row0, column0, rows, columns};
-    int sound = open_call(&call, block, segments, pieces, sizeof(i64)) == 0;
+    int sound = open_call(&call, block, segments, pieces, sizeof(i64), c) == 0;
     if (sound && table.len != 65536 * (Py_ssize_t)sizeof(i64)) {
         PyErr_SetString(PyExc_ValueError, "not a table of 65536 weights");
         sound = 0;
@@ -303,22 +326,6 @@ static PyObject *reinforce(PyObject *self, PyObject *args)
     return close_call(&call, sound);
 }
 
-/* spans(segments, resolution) -> bytes: first and last stamp with a height; last < first: none */
-static PyObject *spans(PyObject *self, PyObject *args)
-{
-    Py_buffer segments;
-    double c;
-    (void)self;
-    if (!PyArg_ParseTuple(args, "y*d", &segments, &c)) return NULL;
-    i64 count = segments.len / (i64)(COLUMNS * sizeof(double));
-    PyObject *found = PyBytes_FromStringAndSize(NULL, count * 2 * (i64)sizeof(i64));
-    i64 *out = found ? (i64 *)PyBytes_AsString(found) : NULL;
-    for (i64 i = 0; out && i < count; i++)
-        span_of((const double *)segments.buf + i * COLUMNS, c, out + 2 * i, out + 2 * i + 1);
-    PyBuffer_Release(&segments);
-    return found;
-}
-
 /* How many rows and columns from its centre a stamp may say something (stamping, swath.reach). */
 static void reach_at(const double *s, const Stamp *at, double growth, double c, i64 *rows,
                      i64 *columns)
@@ -342,6 +349,7 @@ static PyObject *touch(PyObject *self, PyObject *args)
     double c;
     (void)self;
     if (!PyArg_ParseTuple(args, "y*d", &segments, &c)) return NULL;
+    if (!are_segments(&segments, c)) return PyBuffer_Release(&segments), NULL;
     i64 count = segments.len / (i64)(COLUMNS * sizeof(double)), held = 0, room = 5 * 1024;
     i64 *out = malloc((size_t)room * sizeof(i64));
     for (i64 i = 0; out && i < count; i++) {
@@ -394,7 +402,6 @@ static PyObject *touch(PyObject *self, PyObject *args)
 static PyMethodDef methods[] = {
     {"raise_", raise_, METH_VARARGS, "Raise a block to the maximum of itself and pieces."},
     {"reinforce", reinforce, METH_VARARGS, "Add to weights those of each group's maximum."},
-    {"spans", spans, METH_VARARGS, "Return the first and last stamp of each segment."},
     {"touch", touch, METH_VARARGS, "Return the tiles that each segment may touch."},
     {NULL, NULL, 0, NULL},
 };

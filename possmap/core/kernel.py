@@ -38,16 +38,6 @@ def description() -> str:
     return "compiled (C, 16-bit integers)" if COMPILED else "plain (NumPy, 16-bit integers)"
 
 
-def spans(segments: Floats, resolution: float) -> Ints:
-    """Return first and last stamp of each segment that have a height; shape (segments, 2).
-
-    Last is below first where none has.
-    """
-    if not COMPILED:
-        return plain_kernel.spans(segments, resolution)
-    return np.frombuffer(compiled.spans(segments, resolution), dtype=np.int64).reshape(-1, 2)
-
-
 def touch(segments: Floats, resolution: float) -> Ints:
     """Return the tiles that segments may touch, and the stamps that do.
 

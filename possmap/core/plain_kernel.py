@@ -10,18 +10,11 @@ from itertools import groupby
 import numpy as np
 
 from possmap.core.lattice import Window
-from possmap.core.pyramid import Floats, Ints, Values, Weights, relevant
+from possmap.core.pyramid import Floats, Ints, Values, Weights
 from possmap.core.segment_table import COLUMNS, segment_of
 from possmap.core.stamping import Piece, extent, pieces_of, stamp
 
 _MAX_ERROR = COLUMNS.index("max_error")
-
-
-def spans(segments: Floats, resolution: float) -> Ints:  # noqa: D103
-    found = [
-        relevant(segment_of(row), resolution, float(row[_MAX_ERROR])) or (0, -1) for row in segments
-    ]
-    return np.array(found, dtype=np.int64).reshape(-1, 2)
 
 
 def touch(segments: Floats, resolution: float) -> Ints:  # noqa: D103

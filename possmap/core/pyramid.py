@@ -20,6 +20,9 @@ from possmap.core.evidence import Segment
 from possmap.core.lattice import HAIR
 from possmap.core.model import ErrorModel
 
+MOST_LOGGED = 1e6
+"""No number of a log is larger (docs/logs.md) [m]."""
+
 FULL = 65535
 """The 16-bit number of certainty."""
 
@@ -142,14 +145,21 @@ def quantised(values: Floats) -> Values:
     return found
 
 
-def most_cells(span: float, model: ErrorModel, resolution: float) -> float:
+FARTHEST = 2**50
+"""Cells from the origin: beyond, doubles do not tell one cell from its neighbour for long."""
+
+
+def most_cells(span: float, count: int, model: ErrorModel, resolution: float) -> float:
     """Return what no record of an excursion can exceed in cells touched, without laying it out.
 
-    Nothing logged is longer than ``span`` [m], the diagonal of the box of all its places; the
-    correction stretches it by ``scale`` at most. A record has at most three segments, and each
-    sweeps the widest pyramid along at most so many cells, twice for good measure.
+    Infinity, if one of its ``count`` records might lie farther than FARTHEST. Nothing logged is
+    longer than ``span`` [m], the diagonal of the box of all its places; the correction
+    stretches it by ``scale`` at most. A record has at most three segments, and each sweeps the
+    widest pyramid along at most so many cells, twice for good measure.
     """
     longest = span * max(1.0, model.scale)
+    if (MOST_LOGGED + count * longest) / resolution >= FARTHEST:
+        return math.inf
     wide = 2 * model.max_error / resolution + 3
     return 3 * (wide * wide + 2 * wide * (2 * longest / resolution + 2))
 

@@ -18,6 +18,7 @@ more, so that rounding does not move what lies on the very edge (METHOD §0).
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,16 +27,21 @@ from possmap.core.evidence import Segment
 from possmap.core.lattice import HAIR, Window
 from possmap.core.pyramid import Floats, Ints, Stamps, Values, count_of, quantised, relevant
 
-_Z = np.linspace(-6, 6, 6001)
-_PHI = np.array([(1 + math.erf(z / math.sqrt(2))) / 2 for z in _Z])
 _LEAST = 1e-12
 """In place of no error at all [m]."""
 
 
 def normal_share(z: Floats) -> Floats:
     """Return the normal distribution up to z, to 1e-7; NumPy has none."""
-    share: Floats = np.interp(z, _Z, _PHI)
+    share: Floats = np.interp(z, *_normal_table())
     return share
+
+
+@cache
+def _normal_table() -> tuple[Floats, Floats]:
+    # Only when somebody asks: it takes milliseconds, and most grids have no swath.
+    z = np.linspace(-6, 6, 6001)
+    return z, np.array([(1 + math.erf(one / math.sqrt(2))) / 2 for one in z])
 
 
 def reach(some: Stamps, segment: Segment, resolution: float) -> Ints:

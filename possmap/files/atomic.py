@@ -115,6 +115,8 @@ def check_output(path: Path, overwrite: bool) -> None:
         target = path.resolve()
         if target.is_dir():
             raise OutputError(f"{name}: is a folder, expected a file")
+        if target.exists() and not target.is_file():  # a rename would put a file in its place
+            raise OutputError(f"{name}: not a regular file, expected one or none")
         if target.exists() and not overwrite:
             raise OutputError(f"{name}: exists already; --overwrite replaces it")
         if not target.parent.is_dir():

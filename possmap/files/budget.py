@@ -15,8 +15,6 @@ _RECORD_BYTES = 2600
 """A record parsed, laid out and planned."""
 _TEXT_BYTES = 40
 """A byte of a log's text, parsed, laid out and planned: records take 65 bytes and more."""
-_CELL_BYTES = 64
-"""A cell in work: weights, denials, N and Π as doubles, and what lies between them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,11 +49,6 @@ class Budget:
     def held(self) -> int:
         """What a command may hold from its beginning to its end: a result, a picture [bytes]."""
         return self.spare * 3 // 4
-
-    @property
-    def band_cells(self) -> int:
-        """Cells that may be in work at once."""
-        return min(1 << 22, self.spare // 4 // _CELL_BYTES)
 
     @property
     def batch_records(self) -> int:

@@ -27,6 +27,7 @@ from possmap.core.model import ErrorModel
 from possmap.core.plan import by_tile, plan_excursion
 from possmap.core.settings import EvidenceSettings
 from possmap.files.gridfile.grid import Grid
+from possmap.files.gridfile.rows import excursion_rows
 from possmap.files.limits import Limits
 from possmap.files.logs import read_log
 
@@ -67,7 +68,7 @@ def stages(log: Path, folder: Path) -> dict[str, float]:
         grid.prepare(settings, {})
         for key, layers in changed.items():
             grid.tiles.write(key, layers)
-        grid.ledger.add(version, settings.model, 0, laid_out.geometry, touched)
+        grid.ledger.add(excursion_rows(version, settings.model, 0, laid_out.geometry, touched))
     lap("storing")
     return found
 

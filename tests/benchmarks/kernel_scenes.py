@@ -15,13 +15,16 @@ from possmap.core.evidence import Layer, Segment, findings
 from possmap.core.lattice import TileKey, Window
 from possmap.core.model import ErrorModel
 from possmap.core.propagation import ErrorRectangle
+from possmap.core.pyramid import relevant
 from possmap.core.records import PartialMap, Pose, Record, Wall
-from possmap.core.segment_table import table_of
+from possmap.core.segment_table import COLUMNS, segment_of, table_of
 from possmap.core.settings import EvidenceSettings
 
 Floats: TypeAlias = NDArray[np.float64]
 Ints: TypeAlias = NDArray[np.int64]
 Values: TypeAlias = NDArray[np.uint16]
+
+MAX_ERROR = COLUMNS.index("max_error")
 
 MARGIN = 16
 """Columns to the right of all stamps: an array is hardly ever as narrow as a stamp."""
@@ -46,7 +49,12 @@ class Scene:
     @classmethod
     def of(cls, table: Floats, resolution: float) -> Scene:
         """Count the cells of every stamp, one by one."""
-        spans = np.array(kernel.spans(table, resolution))
+        spans = np.array(
+            [
+                relevant(segment_of(row), resolution, float(row[MAX_ERROR])) or (0, -1)
+                for row in table
+            ]
+        )
         some = spans[:, 0] <= spans[:, 1]
         table, spans = np.ascontiguousarray(table[some]), np.ascontiguousarray(spans[some])
         boxes = [_boxes(row, span, resolution) for row, span in zip(table, spans, strict=True)]

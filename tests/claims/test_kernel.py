@@ -17,6 +17,7 @@ from possmap.core.evidence import Segment, Swath
 from possmap.core.fusion import WEIGHT
 from possmap.core.lattice import Window
 from possmap.core.propagation import ErrorRectangle
+from possmap.core.pyramid import relevant
 from possmap.core.segment_table import segment_of, table_of
 
 compiled_only = pytest.mark.skipif(not kernel.COMPILED, reason="no compiled kernel was built")
@@ -52,20 +53,17 @@ def test_a_table_keeps_its_segments(some: list[Segment], max_error: float) -> No
     resolutions,
 )
 @settings(max_examples=150)
-def test_compiled_and_plain_find_the_same_stamps_and_tiles(
+def test_compiled_and_plain_find_the_same_stamps_in_the_same_tiles(
     table: kernel.Floats, resolution: float
 ) -> None:
-    assert kernel.spans(table, resolution).tolist() == (
-        plain_kernel.spans(table, resolution).tolist()
-    )
     assert kernel.touch(table, resolution).tolist() == (
         plain_kernel.touch(table, resolution).tolist()
     )
 
 
 def pieces_of(table: kernel.Floats, resolution: float) -> kernel.Ints:
-    spans = kernel.spans(table, resolution)
-    rows = [(n, a, b, n // 2, n % 2, -1) for n, (a, b) in enumerate(spans.tolist()) if a <= b]
+    spans = [relevant(segment_of(row), resolution, float(row[8])) for row in table]
+    rows = [(n, *span, n // 2, n % 2, -1) for n, span in enumerate(spans) if span is not None]
     return np.array(sorted(rows, key=lambda row: (row[3], -row[4])), dtype=np.int64).reshape(-1, 6)
 
 
@@ -112,6 +110,17 @@ def test_what_does_not_fit_is_refused_before_a_cell_is_written(
             block, WINDOW, table, np.array([[segment, 0, 5, 0, 0, -1]], dtype=np.int64), 0.05
         )
     assert not block.any()
+
+
+@compiled_only
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
+def test_what_lies_on_no_lattice_is_refused(value: float) -> None:
+    rect = ErrorRectangle(0.3, 0.3)
+    table = table_of([Segment(0, 1.0, value, 2.0, 1.0, rect, rect)], 1.0)
+    with pytest.raises(ValueError, match="on no lattice"):
+        kernel.touch(table, 0.05)
+    with pytest.raises(ValueError, match="on no lattice"):
+        kernel.touch(np.zeros((1, 12), dtype=np.float32), 0.05)
 
 
 def test_without_the_compiled_kernel_the_digest_is_the_same(tmp_path: Path) -> None:

@@ -125,7 +125,7 @@ def test_a_conflict_with_the_grid_is_refused_and_changes_nothing(
     assert outcomes(summary) == [("refused", 0, 0)]
     assert errors(summary, tmp_path) == [
         "second.json:1: excursion a of robot r1 disagrees with the version from "
-        f"first.json, fused {fused_at}: {what}; {way_in('first.json')}"
+        f"first.json, fused {fused_at}: {what}; {way_in()}"
     ]
     assert grid.read_bytes() == before
 
@@ -141,7 +141,7 @@ def test_in_one_batch_the_first_holds_and_the_others_are_fused(
     assert outcomes(summary) == [("fused", 6, 0), ("refused", 0, 0), ("fused", 4, 0)]
     assert errors(summary, tmp_path) == [
         "second.json:1: excursion a of robot r1 disagrees with the version from "
-        f"first.json:1: {what}; {way_in('first.json')}"
+        f"first.json:1: {what}; {way_in()}"
     ]
     assert digest(grid) == fused_digest(tmp_path, WHOLE, other)
 
@@ -156,7 +156,7 @@ def test_the_message_names_what_brought_the_very_record(tmp_path: Path) -> None:
         assert errors(summary, tmp_path) == [
             "bad.json:1: excursion a of robot r1 disagrees with the version from "
             "carrier.json:1: the records of seq 3 differ; "
-            f"{way_in('carrier.json', f'{number}.possmap')}"
+            f"{way_in(f'{number}.possmap')}"
         ]
 
 

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
+import shutil
+import sqlite3
+import subprocess
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
@@ -12,7 +18,9 @@ from click.testing import CliRunner, Result
 from teams import digest
 from versions import WHOLE, changed, fused_digest, log_of, prefix, written
 
+from possmap.app.admission import how_to_forget
 from possmap.cli.main import main
+from possmap.errors import printable
 from possmap.release import version
 
 ROOT = Path(__file__).parents[2]
@@ -76,6 +84,7 @@ def test_json_says_what_went(site: Path) -> None:
             "records": 6,
             "version": version(),
         },
+        "once": False,
         "excursions": [{"robot": "r3", "excursion": "a", "lost": 6, "kept": 0, "vanished": True}],
         "records": 6,
         "tiles": 1,
@@ -127,6 +136,11 @@ def test_fuse_leaves_out_what_is_forgotten_until_it_is_recalled(site: Path) -> N
     )
     assert result.stdout == ("site.possmap: fused 0 logs (0 new records), 1 known, 1 refused\n")
     assert result.exit_code == 1
+    first, second = json.loads(fuse("r2.json", "r3.json", "--json").stdout)["logs"]
+    assert (
+        at(first["note"]) == f"r2.json: 1 excursion left out: robot r3 was forgotten, AT; {way_in}"
+    )
+    assert "note" not in second
     done = run("forget", site, "--robot", "r3", "--recall")
     assert (done.stdout, done.exit_code) == (
         "site.possmap: robot r3 may come in again: fuse the logs that hold it\n",
@@ -147,27 +161,30 @@ def test_a_lie_that_came_first_does_not_lock_the_honest_robot_out(
 
     refused = fuse("honest.json")
     assert refused.exit_code == 1
-    way_in = "possmap forget site.possmap --brought-by liar.json"
+    way_in = "possmap forget site.possmap --robot r1 --excursion a --once"
     assert at(refused.stderr) == (
         "possmap: honest.json:1: excursion a of robot r1 disagrees with the version from "
         "liar.json, fused AT: the records of seq 3 differ; another outing needs another excursion "
         f"name; if the other version is false, {way_in} makes room for this one\n"
     )
 
-    _, *command = way_in.split()
-    forgot = run(*command)
+    forgot = run(*way_in.split()[1:])
     assert forgot.stdout == (
-        "site.possmap: forgot what liar.json brought: 8 records of 2 excursions, 1 tile changed\n"
-        "  r9 a: 2 records; nothing stays\n"
+        "site.possmap: forgot excursion a of robot r1: 6 records of 1 excursion, 1 tile changed\n"
         "  r1 a: 6 records; nothing stays\n"
-        f"digest {fused_digest(tmp_path, log_of('r2'))}\n"
+        f"digest {fused_digest(tmp_path, log_of('r9', 2), log_of('r2'))}\n"
     )
+    assert "forgotten" not in run("info", "site.possmap").stdout
 
     let_in = fuse("honest.json")
     assert (let_in.stderr, let_in.stdout) == (
         "",
         "site.possmap: fused 1 log (6 new records), 0 known, 0 refused\n",
     )
+    assert fuse("liar.json").stderr.startswith(
+        "possmap: liar.json:1: excursion a of robot r1 disagrees with the version from honest.json"
+    )
+    assert run("forget", "site.possmap", "--brought-by", "liar.json").exit_code == 0
     assert digest(Path("site.possmap")) == fused_digest(tmp_path, WHOLE, log_of("r2"))
 
     again = fuse("liar.json")
@@ -178,6 +195,77 @@ def test_a_lie_that_came_first_does_not_lock_the_honest_robot_out(
     )
 
 
+def test_an_honest_carrier_of_a_lie_keeps_its_own_records(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    lie = changed(WHOLE, 3, y=9.0)
+    carriers = {"liar": {**log_of("r9", 2), "carried": [lie]}}
+    carriers["honest"] = {**log_of("r2"), "carried": [lie]}
+    written(Path(), **carriers, r1=WHOLE)
+    assert fuse("liar.json", "honest.json", "--resolution", 0.1).exit_code == 0
+    (command,) = re.findall("possmap (forget .* --once) makes room", fuse("r1.json").stderr)
+    assert run(*command.split()).exit_code == 0
+    assert fuse("r1.json").exit_code == 0
+    everybody = fused_digest(tmp_path, log_of("r9", 2), log_of("r2"), WHOLE)
+    assert digest(Path("site.possmap")) == everybody
+
+
+def test_the_advice_works_though_a_file_of_that_name_was_forgotten_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    written(Path(), liar=log_of("r8"), other=log_of("r2"))
+    assert fuse("liar.json", "other.json", "--resolution", 0.1).exit_code == 0
+    assert run("forget", "site.possmap", "--brought-by", "liar.json").exit_code == 0
+    written(Path(), liar={**log_of("r9", 2), "carried": [changed(WHOLE, 3, y=9.0)]}, r1=WHOLE)
+    assert fuse("liar.json").exit_code == 0
+    (command,) = re.findall("possmap (forget .* --once) makes room", fuse("r1.json").stderr)
+    assert run(*command.split()).exit_code == 0
+    assert (fuse("r1.json").stderr, fuse("r1.json").exit_code) == ("", 0)
+
+
+def test_once_keeps_no_memory_of_a_file_either(site: Path) -> None:
+    before = digest(site)
+    done = run("forget", site, "--brought-by", "r3.json", "--once", "--json")
+    told = json.loads(done.stdout)
+    assert told["once"] is True and told["records"] == 2
+    assert "forgotten" not in run("info", site).stdout
+    assert fuse("r3.json").exit_code == 0
+    assert digest(site) == before
+
+
+def test_a_file_named_like_the_hash_of_another_does_not_stand_in_for_it(site: Path) -> None:
+    sha256 = hashlib.sha256(Path("r3.json").read_bytes()).hexdigest()
+    Path("logs").mkdir()
+    (path,) = written(Path("logs"), log=log_of("r7"))
+    with possmap_database(site, path) as database:
+        database.execute("UPDATE source SET name = ? WHERE name = ?", (sha256[:12], str(path)))
+    done = run("forget", site, "--brought-by", sha256[:12])
+    assert "forgot what r3.json brought: 2 records" in done.stdout
+
+
+@contextmanager
+def possmap_database(site: Path, path: Path) -> Iterator[sqlite3.Connection]:
+    """Fuse one more log, and open the grid as the database that it is."""
+    assert fuse(path).exit_code == 0
+    with closing(sqlite3.connect(site)) as database:
+        yield database
+        database.commit()
+
+
+@pytest.mark.parametrize("name", ["it's\nhere", "red\x1b[31m", "a b", "back\\slash\n", "\udc80x"])
+def test_the_command_of_a_message_names_the_grid_to_a_shell(name: str, tmp_path: Path) -> None:
+    if shutil.which("bash") is None:
+        pytest.skip("needs bash")
+    command = how_to_forget(tmp_path / name, ("r1", "a"))
+    assert command == printable(command)
+    shown = subprocess.run(["bash", "-c", f"printf '%s|' {command}"], capture_output=True).stdout
+    options = ["--robot", "r1", "--excursion", "a", "--once"]
+    words = ["possmap", "forget", str(tmp_path / name), *options]
+    assert shown == b"".join(os.fsencode(word) + b"|" for word in words)
+
+
 def test_in_one_call_the_lie_is_named_too_unless_nothing_is_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -185,9 +273,9 @@ def test_in_one_call_the_lie_is_named_too_unless_nothing_is_kept(
     lie = {**log_of("r9", 2), "carried": [changed(WHOLE, 3, y=9.0)]}
     written(Path(), liar=lie, honest=WHOLE)
     strict = fuse("liar.json", "honest.json", "--strict")
-    assert "--brought-by" not in strict.stderr and strict.exit_code == 1
+    assert "makes room" not in strict.stderr and strict.exit_code == 1
     result = fuse("liar.json", "honest.json")
-    assert "possmap forget site.possmap --brought-by liar.json makes room" in result.stderr
+    assert "site.possmap --robot r1 --excursion a --once makes room" in result.stderr
 
 
 def test_a_grid_fused_into_another_brings_what_is_left_and_forgets_nothing(site: Path) -> None:
@@ -274,7 +362,7 @@ def test_of_two_files_with_one_name_the_hash_tells_which(site: Path) -> None:
     assert match
     done = run("forget", site, "--brought-by", match[1])
     assert "  r1 a: 2 records; 6 stay, which others brought\n" in done.stdout
-    (found,) = re.findall(r"--brought-by (\w+)", fuse("r1.json").stderr)
+    (found,) = re.findall(r"--brought-by (\w+) --recall", fuse("r1.json").stderr)
     assert found == match[1]
 
 
@@ -293,14 +381,22 @@ def test_a_file_is_known_by_its_bytes_under_any_name(site: Path) -> None:
         ("--robot", "r1", "--brought-by", "r1.json"),
         ("--excursion", "a"),
         ("--brought-by", "r1.json", "--excursion", "a"),
+        ("--robot", ""),
+        ("--robot", "r1", "--excursion", ""),
+        ("--brought-by", ""),
+        ("--robot", "r1", "--once", "--recall"),
     ],
 )
 def test_a_target_that_is_none_is_wrong_usage(options: tuple[str, ...], site: Path) -> None:
     result = run("forget", site, *options)
     assert result.exit_code == 2
-    assert "expected either --robot or --brought-by" in result.stderr or (
-        "--excursion needs --robot" in result.stderr
+    complaints = (
+        "expected either --robot or --brought-by",
+        "--excursion needs --robot",
+        "is empty, expected a name",
+        "--once and --recall exclude each other",
     )
+    assert sum(complaint in result.stderr for complaint in complaints) == 1
 
 
 def test_a_missing_grid_is_not_made(tmp_path: Path) -> None:
@@ -323,8 +419,7 @@ def test_names_with_terminal_codes_are_shown_escaped(
     texts += [done.stdout, fuse(path).stderr, run("info", "site.possmap").stdout]
     assert done.exit_code == 0 and all(texts)
     assert "\x1b" not in "".join(texts)
-    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    assert f"--brought-by {sha256[:12]} makes room" in texts[0]
+    assert "from red\\x1b[31m/log.json, fused " in texts[0]
 
 
 def test_the_page_shows_what_the_commands_print(

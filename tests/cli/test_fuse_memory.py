@@ -68,7 +68,7 @@ def test_a_compressed_log_is_measured_by_what_it_holds(
     Path("large.json.gz").write_bytes(gzip.compress(json.dumps(lawn(32_000)).encode()))
     result = run("fuse", "large.json.gz", "-g", "site.possmap", "--memory", 128)
     assert result.stderr == (
-        "possmap: large.json.gz: larger than 1.8 MiB, decompressed (setting limit_file_mib)\n"
+        "possmap: large.json.gz: larger than 1.8 MiB, decompressed (--memory 128)\n"
     )
     assert not Path("site.possmap").exists()
 

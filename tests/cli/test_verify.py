@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import sqlite3
 from pathlib import Path
@@ -51,6 +52,8 @@ def test_a_sound_grid_is_called_sound_with_its_digest(site: Path) -> None:
     ]
 
 
+FORGOTTEN = "'r9', NULL, NULL, NULL, 1, 1, '2026-11-25T19:19:55+00:00', '0.1.0'"
+
 DAMAGE = {
     "a byte of a tile": (
         "UPDATE cells SET data = x'02' || substr(data, 2) WHERE tile = 1",
@@ -88,6 +91,100 @@ DAMAGE = {
     "an arrival": (
         "DELETE FROM part WHERE excursion = 1",
         "excursion a of robot r2: nothing says what brought record 0",
+    ),
+    "an arrival that is said twice": (
+        "INSERT INTO part (excursion, first, count, source)"
+        " SELECT excursion, first, count, source FROM part WHERE id = 1",
+        "excursion a of robot r2: more is said to have come than its records",
+    ),
+    "half a carrier": (
+        "UPDATE part SET carrier_robot = 'r9' WHERE id = 1",
+        "excursion a of robot r2: damaged: the arrivals of excursion a of robot r2: ",
+    ),
+    "a carrier without a sound name": (
+        "UPDATE part SET carrier_robot = 'r 9', carrier_excursion = 'a' WHERE id = 1",
+        f'excursion a of robot r2: source number 1, {DATA}/01-r2-a.json: carried by "r 9", '
+        "expected a name",
+    ),
+    "a count below 0": (
+        "INSERT OR REPLACE INTO again VALUES (1, 2, -7, NULL, NULL)",
+        "excursion a of robot r2: damaged: the arrivals of excursion a of robot r2: found -7, ",
+    ),
+    "a SHA-256": (
+        "UPDATE source SET sha256 = 'zz' WHERE id = 1",
+        f'excursion a of robot r2: source number 1, {DATA}/01-r2-a.json: found "zz", '
+        "expected a SHA-256",
+    ),
+    "a size": (
+        "UPDATE source SET size = -1 WHERE id = 1",
+        "excursion a of robot r2: damaged: the arrivals of excursion a of robot r2: found -1, ",
+    ),
+    "a time": (
+        "UPDATE source SET fused_at = 'garbage' WHERE id = 1",
+        f'excursion a of robot r2: source number 1, {DATA}/01-r2-a.json: found "garbage", '
+        "expected a time",
+    ),
+    "a file that brought nothing": (
+        "INSERT INTO source VALUES (500, 'n', 's', 1, 't', 'v')",
+        "source number 500, n: nothing came by it",
+    ),
+    "keys of a log": (
+        "UPDATE excursion SET extra = '{{{' WHERE id = 1",
+        'excursion a of robot r2: found "{{{", expected an object of x_ keys',
+    ),
+    "keys of a record": (
+        "UPDATE record SET extra = '{\"x\": 1}' WHERE excursion = 1 AND number = 3",
+        'excursion a of robot r2: records[3]: found "{\\"x\\": 1}", expected an object of x_ keys',
+    ),
+    "a setting that shapes evidence": (
+        "UPDATE setting SET value = '0.02' WHERE name = 'along'",
+        "excursion a of robot r2: fused with along 0.010416666666666666, but the grid's setting "
+        "is 0.02",
+    ),
+    "a setting of a call": (
+        "INSERT INTO setting VALUES ('limit_nesting', '40')",
+        "setting limit_nesting: no grid keeps it",
+    ),
+    "a setting of another type": (
+        "UPDATE setting SET value = '\"true\"' WHERE name = 'accept_models'",
+        'setting accept_models: found "true", which possmap never writes',
+    ),
+    "a setting that is gone": (
+        "DELETE FROM setting WHERE name = 'along'",
+        "damaged: setting along is missing",
+    ),
+    "an own model": (
+        "UPDATE excursion SET own_model = '{\"turn_bias\": 1.5}' WHERE id = 1",
+        "excursion a of robot r2: fused with turn_bias 0.0, but its own model says 1.5",
+    ),
+    "an own model that is none": (
+        "UPDATE excursion SET own_model = '[1]' WHERE id = 1",
+        "excursion a of robot r2: damaged: excursion a of robot r2: model, found [1], expected an",
+    ),
+    "a tile touched by nobody": (
+        "INSERT INTO touched VALUES (5000, 5000, 777, 1)",
+        "tile 5000, 5000: touched by record 1 of excursion number 777, which is not there",
+    ),
+    "a tile touched by a record beyond the last": (
+        "INSERT INTO touched VALUES (0, 0, 1, 100000)",
+        "tile 0, 0: touched by record 100000 of excursion number 1, which is not there",
+    ),
+    "a layer": (
+        "INSERT INTO tile SELECT 999, 7, 9000, 0, 0, 1, 0, 1, hash FROM tile LIMIT 1;"
+        "INSERT INTO cells VALUES (999, x'02')",
+        "row 999 of table tile: there is no layer 7",
+    ),
+    "something forgotten twice": (
+        f"INSERT INTO forgotten VALUES (8, {FORGOTTEN}), (9, {FORGOTTEN})",
+        "robot r9 was forgotten twice",
+    ),
+    "something forgotten that is less than nothing": (
+        f"INSERT INTO forgotten VALUES (8, {FORGOTTEN}); UPDATE forgotten SET records = -4",
+        "damaged: what was forgotten: found -4, expected at least 0",
+    ),
+    "a time at which something was forgotten": (
+        f"INSERT INTO forgotten VALUES (8, {FORGOTTEN}); UPDATE forgotten SET forgotten_at = 'x'",
+        'robot r9 was forgotten: found "x", expected a time',
     ),
     "a view": ("CREATE VIEW spy AS SELECT 1", "the view spy is none of possmap's"),
     "a trigger": (
@@ -148,6 +245,112 @@ def test_an_existing_output_is_kept_and_a_grid_never_replaces_itself(site: Path)
     assert result.stderr == ("possmap: site.possmap: would replace itself, expected another -o\n")
     assert (site.read_bytes(), Path("new.possmap").read_text()) == (before, "mine")
     assert {path.name for path in Path().iterdir()} == {"site.possmap", "new.possmap"}
+
+
+CURED = {
+    "a setting of a call": 5,
+    "a setting of another type": 5,
+    "a tile touched by nobody": 5,
+    "a file that brought nothing": 5,
+    "something forgotten twice": 5,
+    "a layer": 5,
+    "an own model": 4,
+    "a SHA-256": 3,  # of a file that brought two
+    "a size": 3,
+    "half a carrier": 4,
+    "keys of a record": 4,
+}
+
+
+@pytest.mark.parametrize("kind", CURED)
+def test_what_is_repaired_is_sound_and_what_is_in_doubt_is_left_out(site: Path, kind: str) -> None:
+    damage(site, DAMAGE[kind][0])
+    result = run("repair", "site.possmap", "-o", "new.possmap", "--json")
+    assert result.exit_code == int(CURED[kind] < 5)
+    assert json.loads(result.stdout)["excursions"] == CURED[kind]
+    assert run("verify", "new.possmap", "--full").exit_code == 0
+
+
+def test_a_setting_that_contradicts_the_ledger_is_kept_and_told(site: Path) -> None:
+    damage(site, DAMAGE["a setting that shapes evidence"][0])
+    result = run("repair", "site.possmap", "-o", "new.possmap", "--json")
+    assert result.stderr.splitlines()[0] == (
+        "possmap: site.possmap: lost: excursion a of robot r2: in doubt: fused with along "
+        "0.010416666666666666, but the grid's setting is 0.02"
+    )
+    assert (json.loads(result.stdout)["excursions"], result.exit_code) == (5, 1)
+
+
+@pytest.mark.parametrize("accept", ["true", "false"])
+def test_models_of_logs_and_of_changing_robots_are_sound(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, accept: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for number, own in enumerate(({}, {"along": 0.02}, {"sensor": 0})):
+        log = {"possmap_log": 1, "robot": "r1", "excursion": f"e{number}", "model": own}
+        log["records"] = [
+            {"seq": seq, "kind": "pose", "x": seq, "y": number, "heading": 0} for seq in (0, 1)
+        ]
+        Path("log.json").write_text(json.dumps(log))
+        settings = ("--set", f"accept_models={accept}", "--set", f"robots.r1.across={0.1 + number}")
+        assert run("fuse", "log.json", "-g", "site.possmap", *settings).exit_code == 0
+    result = run("verify", "site.possmap", "--full")
+    assert (result.stderr, result.exit_code) == ("", 0)
+    damage(Path("site.possmap"), "UPDATE setting SET value = 'false' WHERE name = 'accept_models'")
+    assert run("verify", "site.possmap").exit_code == int(accept == "true")
+
+
+def test_a_grid_is_sound_after_something_was_forgotten(site: Path) -> None:
+    for what in (("--robot", "r3"), ("--brought-by", "04-r1-b.json")):
+        assert run("forget", "site.possmap", *what).exit_code == 0
+        result = run("verify", "site.possmap", "--full")
+        assert (result.stderr, result.exit_code) == ("", 0)
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_grids_of_every_format_are_sound_and_repaired(tmp_path: Path, number: int) -> None:
+    old = Path(__file__).parents[1] / "files" / "fixtures" / f"format-{number}.possmap"
+    new = tmp_path / "new.possmap"
+    assert run("verify", str(old), "--full").exit_code == 0
+    assert run("repair", str(old), "-o", str(new)).exit_code == 0
+    assert run("verify", str(new), "--full").exit_code == 0
+
+
+@pytest.mark.parametrize("end", ["-journal", "-wal", "-shm"])
+def test_what_sqlite_left_beside_the_output_is_never_mixed_in(site: Path, end: str) -> None:
+    left = Path(f"new.possmap{end}")
+    left.write_bytes(b"of another")
+    result = run("repair", "site.possmap", "-o", "new.possmap")
+    assert result.stderr == (
+        f"possmap: {left}: belongs to a writer that was interrupted, or still writes; remove it "
+        "if the grid that it belonged to may go\n"
+    )
+    assert (left.read_bytes(), Path("new.possmap").exists()) == (b"of another", False)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no such files here")
+def test_a_pipe_is_not_replaced_by_a_grid(site: Path) -> None:
+    os.mkfifo("pipe")
+    result = run("repair", "site.possmap", "-o", "pipe", "--overwrite")
+    assert result.stderr == "possmap: pipe: not a regular file, expected one or none\n"
+    assert Path("pipe").is_fifo()
+
+
+def test_a_long_name_is_shortened(site: Path) -> None:
+    damage(site, "UPDATE excursion SET robot = printf('%.*c', 100000, 'x') WHERE id = 1")
+    for command in (("verify", "site.possmap"), ("repair", "site.possmap", "-o", "new.possmap")):
+        assert max(map(len, run(*command).stderr.splitlines())) < 400
+
+
+def test_more_tiles_than_a_sample_are_fused_again_only_with_full(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("possmap.app.verify.SAMPLE", 2)
+    assert run("fuse", str(DATA), "-g", "site.possmap").exit_code == 0
+    some = json.loads(run("verify", "site.possmap", "--json").stdout)
+    everything = json.loads(run("verify", "site.possmap", "--full", "--json").stdout)
+    assert (some["fused_again"], everything["fused_again"]) == (2, 4)
 
 
 @pytest.mark.parametrize("profile", ["paper", "robust"])

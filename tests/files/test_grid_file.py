@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 import sqlite3
 import stat
 import time
@@ -198,6 +199,18 @@ def test_a_wall_of_two_thousand_kilometres_is_refused_at_once(tmp_path: Path) ->
     assert log.status == "refused" and "(setting limit_record_cells)" in str(log.error)
 
 
+def test_what_the_correction_takes_off_every_lattice_is_refused(tmp_path: Path) -> None:
+    pose = {"kind": "pose", "y": 0, "heading": 0}
+    records = [{"seq": 0, "x": -1e6, **pose}, {"seq": 1, "x": 1e6, **pose}]
+    log = bump(records=records, model={"scale": 1e6, "along": 0, "across": 0})
+    paths = write_logs(tmp_path / "logs", [log])
+    (log,) = possmap.fuse(paths, tmp_path / "site.possmap", {"resolution": 0.001}).logs
+    assert log.error == (
+        f"{paths[0]}:1: seq 1 of excursion a of robot r1 lies, corrected, 2e+12 m from the origin, "
+        "expected less than 1.13e+12"
+    )
+
+
 def test_many_records_that_touch_much_are_refused_together(tmp_path: Path) -> None:
     walls = [
         {"seq": n, "kind": "wall", "x": -1e5, "y": 0.01, "x2": 1e5, "y2": n / 100}
@@ -218,13 +231,26 @@ def test_many_records_that_touch_much_are_refused_together(tmp_path: Path) -> No
 
 
 def test_a_ledger_may_hold_more_than_a_log(tmp_path: Path) -> None:
-    paths = write_logs(tmp_path / "logs", [bump()])
-    possmap.fuse(paths, tmp_path / "old.possmap")
-    limits = {"limit_file_cells": 1}
-    (log,) = possmap.fuse([*paths], tmp_path / "new.possmap", limits).logs
-    assert log.status == "refused"
-    (log,) = possmap.fuse([tmp_path / "old.possmap"], tmp_path / "new.possmap", limits).logs
-    assert log.status == "fused"
+    """Each of its excursions came as a log once, and may hold no more than that."""
+    one, two = bump(), {**bump(), "excursion": "b"}
+    both = {**one, "carried": [{key: two[key] for key in two if key != "possmap_log"}]}
+    old, new = tmp_path / "old.possmap", tmp_path / "new.possmap"
+    possmap.fuse(write_logs(tmp_path / "logs", [one, two]), old)
+    (whole,) = write_logs(tmp_path / "both", [both])
+
+    def refusal(path: Path, most: int) -> str | None:
+        (log,) = possmap.fuse([path], new, {"limit_file_cells": most}, dry_run=True).logs
+        return log.error
+
+    found = re.search(r"touch up to (\d+) cells", refusal(whole, 1) or "")
+    assert found
+    in_all = int(found[1])
+    assert refusal(whole, in_all - 1) is not None
+    assert refusal(old, in_all - 1) is None and refusal(old, in_all // 2) is None
+    assert refusal(old, in_all // 2 - 1) == (
+        f"{old}: its records touch up to {in_all // 2} cells, expected at most "
+        f"{in_all // 2 - 1} (setting limit_file_cells)"
+    )
 
 
 # Ledger -----------------------------------------------------------------------------------------

@@ -41,8 +41,9 @@ def _lines(job: Job, band: Window) -> Iterator[str]:
     """Yield the lines of a row at a time, of one stretch of tiles beside the other."""
     areas = list(job.grid.tiles.areas(band))
     values = [_texts(job, area) for area in areas]
+    lattice = job.grid.lattice  # to ask the grid reads its settings
     for row in range(band.row0, band.row1):
-        _, y = job.grid.lattice.centre_of(row, 0)
+        _, y = lattice.centre_of(row, 0)
         head, tail = f"{row},", f",{tidy(y)!r},"
         for area, (columns, first, known, numbers) in zip(areas, values, strict=True):
             at = row - area.row0
@@ -62,7 +63,7 @@ def _texts(job: Job, area: Window) -> tuple[list[str], list[int], list[int], lis
 
     With them, where in these lists each row begins, and the end.
     """
-    grid = job.grid
+    grid, lattice = job.grid, job.grid.lattice
     layers = (grid.necessity(area), grid.possibility(area), grid.points(area))
     necessity, possibility, points = layers
     known = (necessity > 0) | (possibility < 1) | (points > 0)
@@ -71,7 +72,7 @@ def _texts(job: Job, area: Window) -> tuple[list[str], list[int], list[int], lis
     parts = [_decimals(layer[known]) for layer in layers]
     numbers = [f"{n},{p},{s}" for n, p, s in zip(*parts, strict=True)]
     names = [
-        f"{column},{tidy(grid.lattice.centre_of(0, column)[0])!r}"
+        f"{column},{tidy(lattice.centre_of(0, column)[0])!r}"
         for column in range(area.column0, area.column1)
     ]
     return names, first, columns.tolist(), numbers

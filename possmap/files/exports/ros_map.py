@@ -18,7 +18,6 @@ from possmap.files.exports.job import Choices, Job
 from possmap.files.exports.png_stream import RGBA_8, text_chunks, write_png
 
 UNKNOWN = -1
-CHANNELS = {"trinary": 1, "scale": 4, "raw": 1}
 
 
 class Thresholds(NamedTuple):

@@ -124,5 +124,6 @@ def _bands(
 def metres(job: Job, ring: Ring, local: bool = False) -> list[tuple[float, float]]:
     """Return a ring's corners in the site frame, or ``local``: from the window's corner [m]."""
     row0, column0 = (0, 0) if local else (job.window.row0, job.window.column0)
-    corners = [job.grid.lattice.corner_of(row + row0, column + column0) for column, row in ring]
+    lattice = job.grid.lattice  # to ask the grid reads its settings
+    corners = [lattice.corner_of(row + row0, column + column0) for column, row in ring]
     return [(tidy(x), tidy(y)) for x, y in corners]

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from html import escape
 from typing import BinaryIO
 
+from possmap.errors import brief
 from possmap.files.exports.job import Job, tidy
 from possmap.files.exports.ledger_shapes import Point, outings
 from possmap.files.exports.outline import Polygon
@@ -90,7 +91,7 @@ class _Drawing:
     def tracks(self) -> Iterator[str]:
         for outing in outings(self._job):
             if outing.poses:
-                title = escape(f"{outing.robot} {outing.excursion}")
+                title = escape(f"{brief(outing.robot)} {brief(outing.excursion)}")
                 path = self._path([self._local(at.x, at.y) for _, at in outing.poses])
                 yield f'<path d="{path}"><title>{title}</title></path>'
 

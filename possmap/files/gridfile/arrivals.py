@@ -6,8 +6,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
+from possmap.errors import brief
+from possmap.files.gridfile.checks import check_counts, check_types, whole
 from possmap.files.gridfile.database import Database
-from possmap.files.gridfile.rows import check_types
 from possmap.files.logs.delivery import Origin
 
 Name: TypeAlias = tuple[str, str]
@@ -117,8 +118,13 @@ class Arrivals:
             is_again, source, _, robot, excursion, first, count, *rest = row
             by_robot, by_excursion, file, sha256, size, fused_at, version = rest
             carrier = None if by_robot is None else (by_robot, by_excursion)
-            with self._database.sound(f"the arrivals of excursion {excursion} of robot {robot}"):
-                check_types((first, int), (count, int), (file, str), (fused_at, str))
+            whose = f"excursion {brief(str(excursion))} of robot {brief(str(robot))}"
+            with self._database.sound(f"the arrivals of {whose}"):
+                check_types((robot, str), (excursion, str), (file, str), (sha256, str))
+                check_types((fused_at, str), (version, str))
+                check_counts(first, count, size)
+                if by_robot is not None or by_excursion is not None:
+                    check_types((by_robot, str), (by_excursion, str))
                 origin = Origin(file, sha256, size)
                 what = (
                     Again(count, origin, carrier)
@@ -153,7 +159,8 @@ class Arrivals:
                 (sha256,),
             )
         }
-        return sorted(found)
+        with self._database.sound("what a file brought"):
+            return sorted(whole(identity) for identity in found)
 
     def add(self, came: Iterable[tuple[Name, Part | Again]], fused_at: str, version: str) -> None:
         """Note what came of excursions already added, in the order of arrival.

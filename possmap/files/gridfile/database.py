@@ -40,6 +40,7 @@ Row: TypeAlias = tuple[Any, ...]
 log = logging.getLogger(__name__)
 
 _LOOK_AGAIN_S = 0.02
+_UNSOUND = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError)
 
 _HEADER_SIZE = 100
 _IN_WORDS = {
@@ -107,8 +108,7 @@ class Database:
     @property
     def format(self) -> int:
         """The version of the file's format; 0 if nothing was laid out yet."""
-        row = self.one("PRAGMA user_version")
-        return int(row[0]) if row else 0
+        return int((self.one("PRAGMA user_version") or (0,))[0])
 
     def upgrade(self) -> None:
         """Give an older file what newer formats added; inside a transaction, which writes it all.
@@ -236,7 +236,7 @@ class Database:
         """Turn what cannot have been written so into the error that says it is damaged."""
         try:
             yield
-        except (ValueError, TypeError, KeyError) as error:
+        except (*_UNSOUND, struct.error) as error:
             raise self.damaged(f"{what}: {error}") from error
 
     def damaged(self, what: str) -> GridError:

@@ -10,18 +10,21 @@ from collections.abc import Iterator
 
 from possmap.core.evidence import Layer
 from possmap.core.lattice import TILE, Window
+from possmap.files.gridfile.checks import tile_place, whole
 from possmap.files.gridfile.database import Database
 
 _ROWS = """
     WITH RECURSIVE held (row) AS (
-        SELECT min(row) FROM tile WHERE layer = ?1 AND row BETWEEN ?2 AND ?3
+        SELECT min(row) FROM tile WHERE layer = ?1 AND row >= ?2 AND row <= ?3
         UNION ALL
         SELECT (SELECT min(row) FROM tile WHERE layer = ?1 AND row > held.row AND row <= ?3)
         FROM held WHERE held.row IS NOT NULL
     )
     SELECT row FROM held WHERE row IS NOT NULL
 """
-_ANY = (-(2**62), 2**62)
+_ANY = (float("-inf"), b"\xff" * 8)
+"""From and to which a row lies, also one that is no number: SQLite has texts and bytes behind
+numbers, and what is damaged must be found, not left out."""
 _LAYERS = tuple(int(layer) for layer in Layer)
 _ENDS = {
     "first": ("min", f'"column" * {TILE} + column0'),
@@ -49,9 +52,10 @@ class Directory:
             return []
         return self._rows((int(layer),), (window.row0 // TILE, (window.row1 - 1) // TILE))
 
-    def _rows(self, layers: tuple[int, ...], span: tuple[int, int]) -> list[int]:
+    def _rows(self, layers: tuple[int, ...], span: tuple[object, object]) -> list[int]:
         found = {row for layer in layers for (row,) in self._database.all(_ROWS, (layer, *span))}
-        return sorted(found)
+        with self._database.sound("the place of a tile"):
+            return sorted(map(tile_place, found))
 
     def columns(self, row: int, window: Window) -> list[int]:
         """Return the columns of a row's tiles of a window that hold anything; sorted."""
@@ -60,7 +64,8 @@ class Directory:
             ' WHERE layer IN (0, 1, 2) AND row = ? AND "column" BETWEEN ? AND ? ORDER BY 1',
             (row, window.column0 // TILE, (window.column1 - 1) // TILE),
         )
-        return [column for (column,) in found]
+        with self._database.sound(f"the place of a tile in row {row}"):
+            return [tile_place(column) for (column,) in found]
 
     def count(self) -> int:
         """Return how many tiles hold anything."""
@@ -79,7 +84,10 @@ class Directory:
             return None
         ends = [self._of_row(row) for row in (rows[0], rows[-1])]
         first, last = (self._column_end(rows, which) for which in ("first", "last"))
-        return Window(ends[0][0], ends[1][1], first, last)
+        found = Window(ends[0][0], ends[1][1], first, last)
+        if not found.cells:
+            raise self._database.damaged("the bounds of a tile: nothing between them")
+        return found
 
     def _of_row(self, row: int) -> tuple[int, int]:
         """Return the first row of cells of a row of tiles, and the one behind the last."""
@@ -88,7 +96,15 @@ class Directory:
             " WHERE layer IN (0, 1, 2) AND row = ?",
             (row,),
         )
-        return found or (0, 0)
+        first, last = found or (0, 0)
+        return self._cell(row, first), self._cell(row, last)
+
+    def _cell(self, tile: int, cell: object) -> int:
+        """Return a row or a column of cells that is a tile's first, or the one behind its last."""
+        with self._database.sound("the bounds of a tile"):
+            if not tile * TILE <= whole(cell) <= (tile + 1) * TILE:
+                raise ValueError("bounds outside the tile")
+            return whole(cell)
 
     def _column_end(self, rows: list[int], which: str) -> int:
         """Return the first column of cells that holds anything, or the one behind the last."""
@@ -103,17 +119,18 @@ class Directory:
             )
             if column is not None
         }
-        tiles = best(at.values())
+        with self._database.sound("the place of a tile"):
+            tiles = best(map(tile_place, at.values()))
         cells = (
-            found[0]
+            self._cell(tiles, cell_of)
             for place, column in at.items()
             if column == tiles
-            for found in self._database.all(
+            for (cell_of,) in self._database.all(
                 f'SELECT {cell} FROM tile WHERE layer = ? AND row = ? AND "column" = ?',
                 (*place, column),
             )
         )
-        return int(best(cells))
+        return best(cells)
 
     def hashes(self) -> Iterator[bytes]:
         """Yield the hash of every stored layer of a tile, in canonical order."""
@@ -138,5 +155,7 @@ class Directory:
         ):
             if not isinstance(digest, bytes):
                 raise self._database.damaged(f"the hash of a tile in row {row}")
+            if type(column) is not int:
+                raise self._database.damaged(f"the place of a tile in row {row}")
             found[column] = (*found.get(column, ()), (layer, digest))
         return found

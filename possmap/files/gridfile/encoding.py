@@ -77,7 +77,10 @@ def decode(layer: Layer, bounds: Window, data: bytes) -> LayerArray:
         raise ValueError(f"a cell of {width} bytes")
     size = bounds.cells * width
     inflated = zlib.decompressobj()
-    planes = inflated.decompress(data[1:], size + 1)
+    try:
+        planes = inflated.decompress(data[1:], size + 1)
+    except zlib.error as error:
+        raise ValueError(str(error)) from error
     if len(planes) != size:
         raise ValueError(f"{len(planes)} bytes of cells, expected {size}")
     dtype = np.dtype(f"u{width}")

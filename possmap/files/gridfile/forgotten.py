@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import dataclass
 
-from possmap.errors import printable
+from possmap.errors import brief
+from possmap.files.gridfile.checks import check_counts, check_types
 from possmap.files.gridfile.database import Database
-from possmap.files.gridfile.rows import check_types
 
 SHORT = 12
 """Digits of a SHA-256 that a message shows; enough to tell any two files apart."""
@@ -48,20 +47,10 @@ class Forgotten:
     def title(self) -> str:
         """What was forgotten, for messages."""
         if self.robot is None:
-            return f"what {printable(self.source or '')} brought"
+            return f"what {brief(self.source or '')} brought"
         if self.excursion is None:
-            return f"robot {printable(self.robot)}"
-        return f"excursion {printable(self.excursion)} of robot {printable(self.robot)}"
-
-    @property
-    def options(self) -> str:
-        """What names it on a command line."""
-        if self.robot is None:
-            return f"--brought-by {(self.sha256 or '')[:SHORT]}"
-        robot = f"--robot {shlex.quote(self.robot)}"
-        if self.excursion is None:
-            return robot
-        return f"{robot} --excursion {shlex.quote(self.excursion)}"
+            return f"robot {brief(self.robot)}"
+        return f"excursion {brief(self.excursion)} of robot {brief(self.robot)}"
 
 
 _COLUMNS = "robot, excursion, source, sha256, excursions, records, forgotten_at, version"
@@ -84,9 +73,14 @@ class ForgottenList:
                 for value in (one.robot, one.excursion, one.source, one.sha256):
                     if value is not None:
                         check_types((value, str))
-                check_types((one.excursions, int), (one.records, int), (one.forgotten_at, str))
+                check_types((one.forgotten_at, str), (one.version, str))
+                check_counts(one.excursions, one.records)
                 if (one.robot is None) == (one.sha256 is None):
                     raise ValueError("neither a robot nor a file, or both")
+                if one.robot is None and one.excursion is not None:
+                    raise ValueError("an excursion of no robot")
+                if (one.source is None) != (one.sha256 is None):
+                    raise ValueError("a file without its name, or the name of none")
             found.append(one)
         return tuple(found)
 

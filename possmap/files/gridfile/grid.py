@@ -20,6 +20,7 @@ from possmap.core.settings import EvidenceSettings, RobotModels
 from possmap.core.views import CellArray
 from possmap.errors import GridError, SettingsError, did_you_mean
 from possmap.files.budget import Budget
+from possmap.files.gridfile.checks import exactly, json_value
 from possmap.files.gridfile.database import Database
 from possmap.files.gridfile.ledger import Ledger
 from possmap.files.gridfile.soundness import Soundness
@@ -135,8 +136,7 @@ class Grid:
     @property
     def excursion_count(self) -> int:
         """How many excursions the ledger holds."""
-        row = self._database.one("SELECT count(*) FROM excursion")
-        return int(row[0]) if row else 0
+        return int((self._database.one("SELECT count(*) FROM excursion") or (0,))[0])
 
     def origin(self, window: Window | None = None) -> tuple[float, float]:
         """Return (x, y) [m] of the lower left corner of the first cell of a window, or of all."""
@@ -206,11 +206,11 @@ class Grid:
         stored: dict[str, Value] = {}
         for name, value in self._database.all("SELECT name, value FROM setting"):
             try:
-                text = str(json.loads(value))
+                text = str(json_value(value))
                 text = text.lower() if text in ("True", "False") else text
-                stored[name] = parse_setting(name, text, "").value
-            except (ValueError, TypeError, SettingsError) as error:
-                raise self._database.damaged(f"setting {name!r}") from error
+                stored[name] = parse_setting(exactly(name, str), text, "").value
+            except (ValueError, TypeError, RecursionError, SettingsError) as error:
+                raise self._database.damaged(f"setting {name!r:.80}") from error
         for name, value in LATER.items():
             stored.setdefault(name, value)
         for name in SHAPING:

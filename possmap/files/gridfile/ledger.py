@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -11,16 +10,20 @@ from possmap.core.lattice import TileKey
 from possmap.core.model import ErrorModel
 from possmap.core.propagation import ErrorRectangle
 from possmap.core.records import PartialMap
+from possmap.errors import brief
 from possmap.files.gridfile.arrivals import Arrival, Arrivals, Name, Part
+from possmap.files.gridfile.checks import (
+    check_counts,
+    check_places,
+    check_types,
+    exactly,
+    model_in_force,
+    own_model,
+    whole,
+)
 from possmap.files.gridfile.database import Database
 from possmap.files.gridfile.forgotten import ForgottenList
-from possmap.files.gridfile.rows import (
-    GEOMETRY,
-    RECORD_COLUMNS,
-    ExcursionRows,
-    check_types,
-    record_of_row,
-)
+from possmap.files.gridfile.rows import GEOMETRY, RECORD_COLUMNS, ExcursionRows, record_of_row
 
 __all__ = ["Arrival", "Entry", "Ledger", "Part"]
 
@@ -85,9 +88,10 @@ class Ledger:
     def _entries(self, clause: str, values: Sequence[object]) -> Iterator[Entry]:
         sql = f"SELECT id, robot, name, model, records FROM excursion {clause}"
         for identity, robot, name, model, records in self._database.all(sql, values):
-            with self._database.sound(f"excursion {name} of robot {robot}"):
-                check_types((robot, str), (name, str), (model, str), (records, int))
-                entry = Entry(identity, robot, name, ErrorModel(**json.loads(model)), records)
+            with self._database.sound(_title(robot, name)):
+                check_types((robot, str), (name, str))
+                check_counts(records)
+                entry = Entry(identity, robot, name, model_in_force(model), records)
             yield entry
 
     def version(self, entry: Entry) -> PartialMap:
@@ -95,34 +99,40 @@ class Ledger:
         row = self._database.one(
             "SELECT own_model, extra FROM excursion WHERE id = ?", (entry.identity,)
         )
-        own_model, extra = row or ("{}", "")
+        own, extra = row or ("{}", "")
         columns = ", ".join(f'"{column}"' for column in RECORD_COLUMNS)
         rows = self._database.all(
-            f"SELECT {columns}, kind FROM record WHERE excursion = ? ORDER BY number",
+            f"SELECT {columns}, number, kind FROM record WHERE excursion = ? ORDER BY number",
             (entry.identity,),
         )
-        with self._database.sound(f"excursion {entry.excursion} of robot {entry.robot}"):
+        with self._database.sound(_title(entry.robot, entry.excursion)):
             if len(rows) != entry.records:
                 raise ValueError(f"{len(rows)} records, expected {entry.records}")
+            if [row[-2] for row in rows] != list(range(entry.records)):
+                raise ValueError("its records are not numbered one by one")
             records = tuple(record_of_row(row[-1], row) for row in rows)
-            model = tuple(sorted(json.loads(own_model).items()))
-            return PartialMap(entry.robot, entry.excursion, model, records, extra)
+            extra = exactly(extra, str)
+            return PartialMap(entry.robot, entry.excursion, own_model(own), records, extra)
 
     def geometry(self, entry: Entry) -> dict[int, Geometry]:
         """Return where an excursion's records lie on the map, by number."""
-        return dict(self._geometry("excursion = ?", (entry.identity,)))
+        return dict(self._geometry(entry))
 
-    def _geometry(self, where: str, values: Sequence[object]) -> Iterator[tuple[int, Geometry]]:
+    def _geometry(
+        self, entry: Entry, where: str = "", values: Sequence[object] = ()
+    ) -> Iterator[tuple[int, Geometry]]:
         sql = (
             f"SELECT number, {', '.join(GEOMETRY)} FROM record"
-            f" WHERE {where} AND map_x IS NOT NULL ORDER BY excursion, number"
+            f" WHERE excursion = ?{where} AND map_x IS NOT NULL ORDER BY excursion, number"
         )
-        for number, x, y, half_x, half_y, x2, y2, half_x2, half_y2, heading in self._database.all(
-            sql, values
-        ):
+        for number, *places, heading in self._database.all(sql, (entry.identity, *values)):
             with self._database.sound(f"the place of record {number}"):
-                for value in (x, y, half_x, half_y, x2, y2, half_x2, half_y2):
-                    check_types((value, float))
+                if not 0 <= whole(number) < entry.records:
+                    raise ValueError(f"the excursion has {entry.records} records")
+                check_places(places)
+                if heading is not None:
+                    check_places((heading,))
+                x, y, half_x, half_y, x2, y2, half_x2, half_y2 = places
                 rect, rect2 = _rectangle(half_x, half_y), _rectangle(half_x2, half_y2)
             yield number, Geometry(x, y, rect, x2, y2, rect2, heading)
 
@@ -137,19 +147,18 @@ class Ledger:
         x0, y0, x1, y1 = window_m or (0, 0, 0, 0)
         values = () if window_m is None else (x0, x1, y0, y1)
         for entry in list(self.entries()):
-            for number, geometry in self._geometry(
-                "excursion = ? AND kind = ?" + within, (entry.identity, kind, *values)
-            ):
+            found = self._geometry(entry, " AND kind = ?" + within, (kind, *values))
+            for number, geometry in found:
                 yield entry, number, geometry
 
-    def touching(self, key: TileKey) -> dict[int, set[int]]:
-        """Return the records that touch a tile: excursion's id -> numbers."""
-        found: dict[int, set[int]] = {}
-        for identity, number in self._database.all(
-            "SELECT excursion, number FROM touched WHERE tile_row = ? AND tile_column = ?", key
-        ):
-            found.setdefault(identity, set()).add(number)
-        return found
+    def numbers_in(self, key: TileKey, entry: Entry) -> set[int]:
+        """Return the numbers of an excursion's records that touch a tile."""
+        found = self._database.all(
+            "SELECT number FROM touched WHERE tile_row = ? AND tile_column = ? AND excursion = ?"
+            " AND number BETWEEN 0 AND ?",  # of a forged list no more than there are records
+            (*key, entry.identity, entry.records - 1),
+        )
+        return {number for (number,) in found}
 
     def known_in(self, key: TileKey) -> list[int]:
         """Return the ids of the excursions that touch a tile, sorted."""
@@ -158,7 +167,8 @@ class Ledger:
             " ORDER BY excursion",
             key,
         )
-        return [identity for (identity,) in found]
+        with self._database.sound(f"what touches tile {key.row}, {key.column}"):
+            return [whole(identity) for (identity,) in found]
 
     def arrivals(self, name: Name | None = None) -> Iterator[Arrival]:
         """Yield what brought each part, in the order of arrival; of one excursion, or of all."""
@@ -211,6 +221,10 @@ class Ledger:
             "DELETE FROM touched WHERE tile_row = ? AND tile_column = ? AND excursion = ?",
             [(*key, entry.identity) for key in keys],
         )
+
+
+def _title(robot: object, excursion: object) -> str:
+    return f"excursion {brief(str(excursion))} of robot {brief(str(robot))}"
 
 
 def _rectangle(half_x: float, half_y: float) -> ErrorRectangle:

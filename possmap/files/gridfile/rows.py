@@ -15,6 +15,8 @@ from possmap.core.evidence import Geometry
 from possmap.core.model import PARAMETERS, ErrorModel
 from possmap.core.plan import Touched
 from possmap.core.records import KIND_OF, KINDS, Beam, PartialMap, Pose, Record, Wall
+from possmap.errors import shown
+from possmap.files.gridfile.checks import FITS, unfit
 
 
 def columns_of(kind: type[Record]) -> list[tuple[str, str]]:
@@ -213,6 +215,7 @@ class _FromRow(NamedTuple):
 
     pick : takes its values out of a row's of RECORD_COLUMNS.
     sound : the types that they may have.
+    fits : whether a log may hold them.
     flag : the place of the value that is true or false.
     """
 
@@ -220,6 +223,7 @@ class _FromRow(NamedTuple):
     pick: Callable[[Sequence[object]], Values]
     columns: tuple[str, ...]
     sound: frozenset[tuple[type, ...]]
+    fits: Callable[..., bool]
     flag: int | None
 
 
@@ -231,7 +235,7 @@ def _from_row(kind: type[Record]) -> _FromRow:
     ]
     flag = next((place for place, column in enumerate(columns) if column in _FLAGS), None)
     pick = itemgetter(*(RECORD_COLUMNS.index(column) for column in columns))
-    return _FromRow(kind, pick, columns, frozenset(product(*may_be)), flag)
+    return _FromRow(kind, pick, columns, frozenset(product(*may_be)), FITS[kind], flag)
 
 
 _FROM_ROW = {name: _from_row(kind) for name, kind in KINDS.items()}
@@ -242,10 +246,14 @@ def record_of_row(kind: str, row: Sequence[object]) -> Record:
 
     row : the values of RECORD_COLUMNS.
     """
-    make, pick, columns, sound, flag = _FROM_ROW[kind]
+    if kind not in _FROM_ROW:
+        raise ValueError(f"found the kind {shown(kind)}")
+    make, pick, columns, sound, fits, flag = _FROM_ROW[kind]
     values = pick(row)
     if tuple(map(type, values)) not in sound:
         raise _unsound(columns, values)
+    if not fits(*values):
+        raise unfit(columns, values)
     if flag is not None:
         values = (*values[:flag], bool(values[flag]), *values[flag + 1 :])
     return make(*values)
@@ -260,10 +268,3 @@ def _unsound(columns: Sequence[str], values: Sequence[object]) -> Exception:
         if value is not None and type(value) is not expected:
             return TypeError(f"{column} is no {expected.__name__}")
     raise AssertionError("all values are sound")
-
-
-def check_types(*values: tuple[object, type]) -> None:
-    """Raise TypeError unless each value is exactly of its type."""
-    for value, expected in values:
-        if type(value) is not expected:
-            raise TypeError(f"found a {type(value).__name__}, expected a {expected.__name__}")

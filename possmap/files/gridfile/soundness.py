@@ -3,32 +3,47 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from possmap.core.evidence import Layer
-from possmap.core.lattice import TILE, TileKey, Window
+from possmap.core.lattice import TILE, TileKey
 from possmap.core.plan import Touched
-from possmap.errors import GridError, printable
+from possmap.errors import GridError, brief, printable
+from possmap.files.gridfile.checks import bounds_in_tile, tile_key, tile_place
+from possmap.files.gridfile.claims import Claims, origin_faults
 from possmap.files.gridfile.database import Database
 from possmap.files.gridfile.directory import Directory
 from possmap.files.gridfile.encoding import decode, encode
 from possmap.files.gridfile.ledger import Entry, Ledger
 from possmap.files.gridfile.rows import excursion_hash
+from possmap.files.logs.delivery import path_text
+from possmap.files.logs.fields import Fault
+from possmap.files.logs.rechecking import rechecked
 
 LAYER_WORDS = {Layer.WALLS: "walls", Layer.FREE: "free space", Layer.POINTS: "points"}
 
 MOST_FROM_SQLITE = 20
 """Faults that SQLite is asked for; more of them say nothing new."""
 
+_ANY_NESTING = 10_000
+"""The limit on it belongs to the call that read the log, and may have been any."""
+
 
 class Soundness:
-    """Looks at one grid file, and yields each fault as one line."""
+    """Looks at one grid file, and yields each fault as one line.
+
+    Attributes
+    ----------
+    claims
+        What looks at all that no hash covers.
+    """
 
     def __init__(self, database: Database) -> None:
         self._database = database
         self._directory, self._ledger = Directory(database), Ledger(database)
+        self.claims = Claims(database)
 
     def structure(self) -> Iterator[str]:
         """Yield what SQLite finds wrong with the file as a database.
@@ -51,9 +66,12 @@ class Soundness:
                 ' ORDER BY layer, "column"',
                 (row,),
             ):
-                fault = _tile_fault(layer, TileKey(row, column), bounds, digest, data)
+                with self._database.sound(f"the place of a tile in row {row}"):
+                    key = tile_key(row, column)
+                fault = _tile_fault(layer, key, bounds, digest, data)
                 if fault:
-                    yield f"tile {row}, {column}, {LAYER_WORDS.get(layer, layer)}: {fault}"
+                    words = LAYER_WORDS.get(layer, f"layer {layer!r:.20}")
+                    yield f"tile {row}, {column}, {words}: {fault}"
 
     def excursion(self, identity: int) -> Iterator[str]:
         """Yield what is wrong with one excursion of the ledger."""
@@ -73,63 +91,99 @@ class Soundness:
         stored = self._database.one("SELECT hash FROM excursion WHERE id = ?", (entry.identity,))
         if stored != (excursion_hash(version, entry.model),):
             yield "its hash is not that of its records"
-        seqs = [record.seq for record in version.records]
-        if seqs != sorted(set(seqs)):
-            yield "its records are out of order"
+        try:
+            rechecked(version, _ANY_NESTING)
+        except Fault as fault:
+            yield ": ".join(filter(None, (path_text(fault.path), fault.problem)))
+        yield from self._arrivals(entry)
+
+    def _arrivals(self, entry: Entry) -> Iterator[str]:
+        """Yield what is wrong with what is said to have brought an excursion."""
         expected = 0
         for arrival in self._ledger.arrivals(entry.name):
             if arrival.part.first != expected:
                 break
             expected += arrival.part.count
-        if expected != entry.records:
-            yield f"nothing says what brought record {expected}"
+        else:
+            if expected == entry.records:
+                expected = -1
+        if expected >= 0:
+            yield (
+                f"nothing says what brought record {expected}"
+                if expected < entry.records
+                else "more is said to have come than its records"
+            )
         forgotten = self._ledger.forgotten.all()
         for event in self._ledger.came.events(entry.name):
             if event.what.end > entry.records:
-                yield f"{printable(event.what.origin.name)} is said to have held more records"
+                yield f"{brief(event.what.origin.name)} is said to have held more records"
+            yield from origin_faults(event)
             for one in forgotten:
                 if one.bars(entry.name, event.what.origin.sha256):
                     yield f"{one.title} was forgotten, and is here"
 
-    def keys(self) -> list[TileKey]:
-        """Return the tiles that hold anything, or that a record touches, sorted."""
-        sql = 'SELECT row, "column" FROM tile UNION SELECT tile_row, tile_column FROM touched'
-        return sorted(TileKey(*key) for key in self._database.all(sql))
+    def keys_by_row(self) -> Iterator[list[TileKey]]:
+        """Yield the tiles that hold anything, or that a record touches, sorted, row by row."""
+        for row in self._rows():
+            sql = (
+                'SELECT "column" FROM tile WHERE layer IN (0, 1, 2) AND row = ?1'
+                " UNION SELECT DISTINCT tile_column FROM touched WHERE tile_row = ?1 ORDER BY 1"
+            )
+            with self._database.sound(f"the place of a tile in row {row}"):
+                found = [tile_key(row, column) for (column,) in self._database.all(sql, (row,))]
+            yield found
+
+    def _rows(self) -> list[int]:
+        """Return the rows of those tiles; of touched ones by steps through the index."""
+        touched = self._database.all(
+            "WITH RECURSIVE held (row) AS (SELECT min(tile_row) FROM touched UNION ALL"
+            " SELECT (SELECT min(tile_row) FROM touched WHERE tile_row > held.row)"
+            " FROM held WHERE held.row IS NOT NULL)"
+            " SELECT row FROM held WHERE row IS NOT NULL"
+        )
+        with self._database.sound("the tiles that records touch"):
+            return sorted({*self._directory.rows(), *(tile_place(row) for (row,) in touched)})
 
     def digests(self, key: TileKey) -> dict[int, object]:
         """Return the stored hash of each layer of a tile."""
         sql = 'SELECT layer, hash FROM tile WHERE layer IN (0, 1, 2) AND row = ? AND "column" = ?'
         return dict(self._database.all(sql, key))
 
-    def touched(self, entry: Entry) -> Touched:
-        """Return which tiles the ledger says that an excursion's records touch, sorted."""
+    def is_touched(self, entry: Entry, touched: Touched) -> bool:
+        """Whether these are the tiles that the ledger says an excursion's records touch.
+
+        touched : sorted. No more rows are read than decide it: a forged list may have any length.
+        """
         sql = (
             "SELECT tile_row, tile_column, number FROM touched WHERE excursion = ?"
-            " ORDER BY tile_row, tile_column, number"
+            " ORDER BY tile_row, tile_column, number LIMIT ?"
         )
-        return self._database.all(sql, (entry.identity,))
+        return self._database.all(sql, (entry.identity, len(touched) + 1)) == touched
 
 
 def title(entry: Entry) -> str:
     """Return an excursion's name, as a line begins."""
-    return f"excursion {printable(entry.excursion)} of robot {printable(entry.robot)}"
+    return f"excursion {brief(entry.excursion)} of robot {brief(entry.robot)}"
 
 
 def _tile_fault(
-    layer: int, key: TileKey, bounds: list[int], digest: object, data: object
+    layer: int, key: TileKey, bounds: Sequence[object], digest: object, data: object
 ) -> str | None:
+    if layer not in LAYER_WORDS:
+        return "there is no such layer"
     try:
-        row0, row1, column0, column1 = bounds
-        if not (0 <= row0 < row1 <= TILE and 0 <= column0 < column1 <= TILE):
-            raise ValueError("bounds outside the tile")
+        window = bounds_in_tile(*bounds)
         if not isinstance(data, bytes):
-            raise ValueError("no cells")
-        window = Window(row0, row1, column0, column1)
+            return "no cells"
         cells = decode(Layer(layer), window, data)
-        whole = np.zeros((TILE, TILE), dtype=cells.dtype)
-        whole[row0:row1, column0:column1] = cells
-        if not cells.any() or encode(Layer(layer), key, whole)[:2] != (window, digest):
-            return "its hash is not that of its cells"
-    except (ValueError, TypeError, zlib.error) as error:
+    except zlib.error:
+        return "its cells cannot be unpacked"
+    except (ValueError, TypeError) as error:
         return printable(str(error))
+    whole = np.zeros((TILE, TILE), dtype=cells.dtype)
+    whole[window.row0 : window.row1, window.column0 : window.column1] = cells
+    if not cells.any() or (cells < 0).any():
+        return "its hash is not that of its cells"
+    if encode(Layer(layer), key, whole)[:2] != (window, digest):
+        return "its hash is not that of its cells"
     return None

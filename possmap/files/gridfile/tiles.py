@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import groupby
 from operator import itemgetter
@@ -15,6 +14,7 @@ from possmap.core.lattice import TILE, TileKey, Window, joined, tile_window
 from possmap.core.patches import Crop, Patch, cropped
 from possmap.core.patches import joined as joined_patches
 from possmap.errors import GridError
+from possmap.files.gridfile.checks import bounds_in_tile, exactly, tile_place
 from possmap.files.gridfile.database import Database
 from possmap.files.gridfile.directory import Directory
 from possmap.files.gridfile.encoding import EncodedTile, decode, encode
@@ -52,15 +52,19 @@ class TileStore:
 
     def packed(self, key: TileKey) -> dict[Layer, EncodedTile]:
         """Return the layers of one tile as they are stored, for somebody else to unpack."""
-        return {
-            Layer(layer): EncodedTile(Window(*bounds), digest, data)
-            for layer, *bounds, digest, data in self._database.all(
-                "SELECT layer, row0, row1, column0, column1, hash, data"
-                " FROM tile LEFT JOIN cells ON cells.tile = tile.id"
-                f' WHERE layer IN ({_LAYERS}) AND row = ? AND "column" = ?',
-                tuple(key),
-            )
-        }
+        stored = self._database.all(
+            "SELECT layer, row0, row1, column0, column1, hash, data"
+            " FROM tile LEFT JOIN cells ON cells.tile = tile.id"
+            f' WHERE layer IN ({_LAYERS}) AND row = ? AND "column" = ?',
+            tuple(key),
+        )
+        with self._database.sound(f"tile {key.row}, {key.column}"):
+            return {
+                Layer(layer): EncodedTile(
+                    bounds_in_tile(*bounds), exactly(digest, bytes), exactly(data, bytes)
+                )
+                for layer, *bounds, digest, data in stored
+            }
 
     def damaged(self, what: str) -> GridError:
         """Return the error that says what in a packed tile is not as it was written."""
@@ -151,12 +155,10 @@ class TileStore:
             ' ORDER BY "column"',
             (row, first, first if last is None else last),
         ):
-            try:
-                if not (0 <= row0 < row1 <= TILE and 0 <= column0 < column1 <= TILE):
-                    raise ValueError("bounds outside the tile")
-                cells = decode(Layer(layer), Window(row0, row1, column0, column1), data)
-            except (ValueError, TypeError, zlib.error) as error:
-                raise self._database.damaged(f"tile {row}, {column}: {error}") from error
+            with self._database.sound(f"tile {row}, {column}"):
+                tile_place(column)
+                inner = bounds_in_tile(row0, row1, column0, column1)
+                cells = decode(Layer(layer), inner, data)
             bounds = Window(
                 row * TILE + row0, row * TILE + row1,
                 column * TILE + column0, column * TILE + column1,

@@ -155,11 +155,6 @@ class Table:
             or any(need <= self.columns.keys() for need in _NEED[1:])
         )
 
-    @property
-    def gives_ranges(self) -> bool:
-        """Whether it holds range readings."""
-        return bool(self.beams) or self.scan is not None
-
 
 @dataclass(frozen=True, slots=True)
 class Mapping:
