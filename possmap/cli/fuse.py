@@ -53,7 +53,7 @@ def _dask(ctx: click.Context, param: click.Parameter, address: str | None) -> st
     type=click.IntRange(min=1),
     default=1,
     show_default=True,
-    help="Processes that do the work; worth it for a hundred logs or more.",
+    help="Processes that do the work; worth it for some hundreds of logs.",
 )
 @click.option(
     "--dask",
