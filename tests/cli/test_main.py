@@ -182,3 +182,31 @@ def test_help_starts_without_the_heavy_libraries() -> None:
 def test_verbose_and_quiet_are_known_to_every_command(tmp_path: Path) -> None:
     for switch in ("-v", "-vv", "-q"):
         assert run(switch, "config").exit_code == 0
+
+
+def variable_and_threads(**variables: str) -> str:
+    """Return OPENBLAS_NUM_THREADS and the number of threads after a command and NumPy's import."""
+    code = (
+        "import os\nfrom possmap.cli.main import main\nmain(['config'], standalone_mode=False)\n"
+        "import numpy\n"
+        "print(os.environ['OPENBLAS_NUM_THREADS'], len(os.listdir('/proc/self/task')))"
+    )
+    env = {key: value for key, value in os.environ.items() if key != "OPENBLAS_NUM_THREADS"}
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=env | variables,
+    )
+    return done.stdout.splitlines()[-1]
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="counts threads in /proc")
+def test_a_command_starts_no_threads_for_linear_algebra() -> None:
+    assert variable_and_threads() == "1 1"
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="counts threads in /proc")
+def test_whoever_wants_such_threads_gets_them() -> None:
+    assert variable_and_threads(OPENBLAS_NUM_THREADS="2").startswith("2 ")
