@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple, TypeAlias
 
@@ -29,7 +28,6 @@ from possmap.core.evidence import Layer
 from possmap.core.fusion import LayerArray, TileLayers, blank, fuse_tile, merged
 from possmap.core.lattice import TileKey
 from possmap.core.plan import ExcursionPlan, by_tile
-from possmap.core.pyramid import Ints
 from possmap.core.settings import EvidenceSettings
 from possmap.errors import WorkerError
 from possmap.files.gridfile.encoding import EncodedTile, encode
@@ -192,21 +190,9 @@ def stamp_held(task: bytes, *held: Held) -> Partial:
             plan = one.plans.get(digest)
             if not isinstance(plan, ExcursionPlan):
                 raise WorkerError("a log changed while it was fused")
-            plans.append(_within(plan, keys))
+            plans.append(plan.among(keys))
     _, works = by_tile(plans)
     return Partial({work.key: fuse_tile(work, {}, settings) for work in works})
-
-
-def _within(plan: ExcursionPlan, keys: list[TileKey]) -> ExcursionPlan:
-    """Return what a plan says in some tiles."""
-    inside = np.isin(_numbers(plan.pieces), _numbers(np.array(keys, dtype=np.int64)))
-    return replace(plan, pieces=plan.pieces[inside])
-
-
-def _numbers(places: Ints) -> Ints:
-    """Return rows and columns of tiles, the first two columns, as one number each."""
-    numbers: Ints = (places[:, 0] << 32) + places[:, 1]
-    return numbers
 
 
 def merge(one: Partial, other: Partial) -> Partial:

@@ -42,7 +42,7 @@ class Refused:
 
     def tile(self, key: TileKey, entries: Iterable[Entry]) -> TileLayers:
         """Return the layers of one tile by what some excursions say."""
-        plans = [self.laid_out(entry).plan.within(key) for entry in entries]
+        plans = [self.laid_out(entry).plan.among([key]) for entry in entries]
         _, works = by_tile([plan for plan in plans if len(plan.pieces)])
         for work in works:
             return fuse_tile(work, {}, self._settings)

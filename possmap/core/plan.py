@@ -28,6 +28,7 @@ Touched: TypeAlias = list[tuple[int, int, int]]
 Clips: TypeAlias = tuple[tuple[ClipLine, ...], ...]
 
 _ROW, _COLUMN, _LAYER, _SEGMENT, _FIRST, _LAST, _GROUP, _KNOWN, _CLIP = range(9)
+_PLACE = [_ROW, _COLUMN, _LAYER]
 _WIDTH = COLUMNS.index("width")
 
 
@@ -66,15 +67,10 @@ class ExcursionPlan:
     records: Ints
     clips: Clips
 
-    def within(self, key: TileKey) -> ExcursionPlan:
-        """Return what it says in one tile."""
-        here = (self.pieces[:, _ROW] == key.row) & (self.pieces[:, _COLUMN] == key.column)
-        return ExcursionPlan(self.segments, self.pieces[here], self.records, self.clips)
-
     def among(self, keys: Collection[TileKey], layer: Layer | None = None) -> ExcursionPlan:
         """Return what it says in some tiles; of one layer, or of all."""
         wanted = np.array([tuple(key) for key in keys], dtype=np.int64).reshape(-1, 2)
-        here = np.isin(_compared(self.pieces[:, [_ROW, _COLUMN]]), _compared(wanted))
+        here = _among(self.pieces[:, [_ROW, _COLUMN]], wanted)
         if layer is not None:
             here &= self.pieces[:, _LAYER] == layer
         return ExcursionPlan(self.segments, self.pieces[here], self.records, self.clips)
@@ -98,8 +94,8 @@ def plan_excursion(
     if settings.independence == "excursion" and known_records:
         # What the excursion said before in these tiles, so that only the difference is added.
         before = _pieces(found, settings, known_records, known=True)
-        reinforced = _places(new.pieces[new.pieces[:, _LAYER] != Layer.FREE])
-        again = np.isin(_places(before.pieces), reinforced)
+        reinforced = new.pieces[new.pieces[:, _LAYER] != Layer.FREE]
+        again = _among(before.pieces[:, _PLACE], reinforced[:, _PLACE])
         before = ExcursionPlan(before.segments, before.pieces[again], before.records, before.clips)
         return _joined([before, new], same_groups=True)
     return new
@@ -133,15 +129,20 @@ def _facts(number: int, one: Evidence) -> Iterator[tuple[int, int, int, int]]:
         yield one.layer, number, clip, segment.record
 
 
-def _places(pieces: Ints) -> NDArray[np.void]:
-    """Return tile and layer of each piece as values that compare."""
-    return _compared(pieces[:, [_ROW, _COLUMN, _LAYER]])
+def _among(rows: Ints, wanted: Ints) -> NDArray[np.bool_]:
+    """Return which rows of numbers are among those wanted.
 
-
-def _compared(rows: Ints) -> NDArray[np.void]:
-    """Return each row of numbers as one value that compares."""
-    rows = np.ascontiguousarray(rows)
-    return rows.view([("", np.int64)] * rows.shape[1]).reshape(-1)
+    By one number for each row, made of the ranks of its numbers: a tile's may be anything.
+    """
+    here = np.full(len(rows), len(wanted) > 0)
+    code, wanted_code = np.zeros(len(rows), dtype=np.int64), np.zeros(len(wanted), dtype=np.int64)
+    for column in range(rows.shape[1] if len(wanted) else 0):
+        values, rank = np.unique(wanted[:, column], return_inverse=True)
+        nearest = np.minimum(np.searchsorted(values, rows[:, column]), len(values) - 1)
+        here &= values[nearest] == rows[:, column]
+        code, wanted_code = code * len(values) + nearest, wanted_code * len(values) + rank
+    here &= np.isin(code, wanted_code)
+    return here
 
 
 def _joined(plans: Sequence[ExcursionPlan], same_groups: bool = False) -> ExcursionPlan:
