@@ -7,8 +7,8 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
-from possmap.app import inputs
-from possmap.app.judge import Judge
+from possmap.app.fusing import inputs
+from possmap.app.fusing.judge import Judge
 from possmap.app.progress import Progress, quiet
 from possmap.app.settings import Request, in_force
 from possmap.core.correction import correct

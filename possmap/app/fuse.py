@@ -11,12 +11,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-from possmap.app import crew, inputs
-from possmap.app.crew import Crew
-from possmap.app.judge import Judge
+from possmap.app.fusing import crew, inputs
+from possmap.app.fusing.crew import Crew
+from possmap.app.fusing.judge import Judge
+from possmap.app.fusing.stages import Read, ReadTask
 from possmap.app.progress import Progress, quiet
 from possmap.app.settings import Request, in_force
-from possmap.app.stages import Read, ReadTask
 from possmap.errors import LogError, WorkerError, printable
 from possmap.files.budget import Budget
 from possmap.files.gridfile.database import check_file
@@ -157,7 +157,7 @@ def _holds_anything(grid: Path) -> bool:
 def _crew(jobs: int, dask: str | None) -> AbstractContextManager[Crew]:
     if dask is None:
         return crew.local(jobs)
-    from possmap.app.cluster import cluster  # needs what few have
+    from possmap.app.fusing.cluster.crew import cluster  # needs what few have
 
     return cluster(dask)
 

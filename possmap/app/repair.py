@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
-from possmap.app.crew import local
-from possmap.app.judge import Known
+from possmap.app.fusing.crew import local
+from possmap.app.fusing.judge import Known
+from possmap.app.fusing.workers import gathered
 from possmap.app.progress import Progress, quiet
-from possmap.app.workers import gathered
 from possmap.errors import GridError, printable
 from possmap.files.atomic import check_output, name_beside
 from possmap.files.budget import Budget

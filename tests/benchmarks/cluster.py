@@ -25,9 +25,9 @@ from typing import Any
 
 from scaling import KM, print_table, run, write_logs
 
-from possmap.app import cluster, cluster_tasks
-from possmap.app.cluster_client import Sent, Team, Work
 from possmap.app.fuse import fuse
+from possmap.app.fusing.cluster import crew, tasks
+from possmap.app.fusing.cluster.client import Sent, Team, Work
 from possmap.app.settings import Request
 from possmap.files.setting_table import parse_setting
 
@@ -53,8 +53,8 @@ class Pretended(Team):
         self.bytes[f"committer to workers: {name}"] += len(work.data)
         if name == "merge":
             start = time.process_time()
-            packed = cluster_tasks.pack(values[1])
-            values[1] = cluster_tasks.unpack(packed)
+            packed = tasks.pack(values[1])
+            values[1] = tasks.unpack(packed)
             self.seconds["pack partial tiles"] += time.process_time() - start
             self.bytes["worker to worker: partial tiles"] += len(packed)
             self.partials.append(len(packed))
@@ -86,7 +86,7 @@ def sent(logs: Path, folder: Path, count: int, workers: int, records: int) -> li
     def pretended(_: str) -> Iterator[Team]:
         yield team
 
-    cluster.team = pretended
+    crew.team = pretended
     grid = folder / f"sent-{workers}-{records}.possmap"
     given = parse_setting("transaction_records", str(records), "")
     start = time.process_time()

@@ -33,11 +33,11 @@ APART = 6 * 12.8
 """Metres between buildings: whole tiles at 5 cm, so that each is cut at its tiles alike."""
 
 STAGES = (
-    ("read and check logs", "possmap.app.inputs", "read"),
+    ("read and check logs", "possmap.app.fusing.inputs", "read"),
     ("correct, propagate, lay out", "possmap.core.evidence", "findings"),
     ("cut at the borders of tiles", "possmap.core.plan", "plan_excursion"),
     ("rows of the ledger", "possmap.files.gridfile.rows", "excursion_rows"),
-    ("judge", "possmap.app.judge", "Judge.take"),
+    ("judge", "possmap.app.fusing.judge", "Judge.take"),
     ("sort by tile", "possmap.core.plan", "by_tile"),
     ("sort by tile", "possmap.core.plan", "_work"),
     ("read tiles", "possmap.files.gridfile.tiles", "TileStore.read"),

@@ -7,11 +7,11 @@ import os
 import signal
 from typing import Any
 
-from possmap.app import cluster_tasks
-from possmap.app.stages import Read, ReadTask
+from possmap.app.fusing.cluster import tasks
+from possmap.app.fusing.stages import Read, ReadTask
 
 FAULTS = os.environ["FAULTS"].split()
-_read_logs = cluster_tasks.read_logs
+_read_logs = tasks.read_logs
 
 
 def _read(task: ReadTask) -> list[Read]:
@@ -31,7 +31,7 @@ def _none(name: str) -> Any:
 
 
 if "logs" in FAULTS:
-    cluster_tasks.read_logs = _read
+    tasks.read_logs = _read
 if "old" in FAULTS:
     importlib.metadata.version = _old
 if "none" in FAULTS:

@@ -14,8 +14,8 @@ from literal.teams import random_excursion
 from teams import digest, write_logs
 
 import possmap
-from possmap.app import cluster_client
 from possmap.app.fuse import fuse
+from possmap.app.fusing.cluster import client
 from possmap.app.settings import Request
 from possmap.cli.main import main
 from possmap.errors import MissingExtra, WorkerError
@@ -119,7 +119,7 @@ def test_all_workers_are_killed_and_the_same_command_completes_the_job(
         patch = pytest.MonkeyPatch()
 
         def kill_all() -> None:
-            patch.setattr(cluster_client, "PATIENCE", 2.0)  # not before: workers take time to start
+            patch.setattr(client, "PATIENCE", 2.0)  # not before: workers take time to start
             kill(*found.workers)
 
         at_excursion(LOGS // 2, kill_all)
@@ -199,7 +199,7 @@ def test_a_worker_with_another_possmap_or_none_is_named(
 
 
 def test_a_worker_of_another_version_that_joins_later_stamps_nothing() -> None:
-    from possmap.app.cluster_tasks import run_as
+    from possmap.app.fusing.cluster.tasks import run_as
 
     assert run_as(possmap.version(), sum, (1, 2)) == 3
     with pytest.raises(WorkerError, match=r"a worker has possmap .*, and this process has 9"):
@@ -209,7 +209,7 @@ def test_a_worker_of_another_version_that_joins_later_stamps_nothing() -> None:
 def test_a_scheduler_that_cannot_be_reached_leaves_the_grid_alone(
     logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cluster_client, "CONNECT", 2.0)
+    monkeypatch.setattr(client, "CONNECT", 2.0)
     grid = tmp_path / "site.possmap"
     fuse([str(next(logs.iterdir()))], grid)
     before = grid.read_bytes()
@@ -224,7 +224,7 @@ def test_a_scheduler_that_cannot_be_reached_leaves_the_grid_alone(
 def test_a_scheduler_without_workers_is_said_to_have_none(
     logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cluster_client, "PATIENCE", 2.0)
+    monkeypatch.setattr(client, "PATIENCE", 2.0)
     with machines(tmp_path / "m") as found:
         result = run("fuse", logs, "-g", tmp_path / "g.possmap", f"--dask={found.address}")
     assert (result.exit_code, result.stderr.count("\n")) == (1, 1)

@@ -16,7 +16,7 @@ from click.testing import CliRunner, Result
 from literal.teams import random_excursion
 from teams import digest
 
-from possmap.app import urls
+from possmap.app.fusing import urls
 from possmap.cli.main import main
 from possmap.errors import MissingExtra
 from possmap.files.limits import Limits

@@ -28,7 +28,7 @@ from fuzz.seeds import (
 )
 from fuzz.words import CARMEN_WORDS, CSV_WORDS, JSON_WORDS, NUMBERS, TEXTS, YAML_WORDS
 
-from possmap.app import inputs
+from possmap.app.fusing import inputs
 from possmap.conversion.tally import Tally
 from possmap.errors import PossmapError
 from possmap.files.gridfile.grid import Grid

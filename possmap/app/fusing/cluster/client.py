@@ -10,7 +10,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any, NamedTuple
 from uuid import uuid4
 
-from possmap.app.cluster_tasks import label_of, run_as, unpack
+from possmap.app.fusing.cluster.tasks import label_of, run_as, unpack
 from possmap.errors import PossmapError, WorkerError, plural
 from possmap.release import version
 

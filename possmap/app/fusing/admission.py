@@ -9,7 +9,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple
 
-from possmap.app.stages import LaidOut
+from possmap.app.fusing.stages import LaidOut
 from possmap.errors import LogError, plural, printable
 from possmap.files.gridfile.forgotten import SHORT, Forgotten
 from possmap.files.logs import Delivery, LogFile

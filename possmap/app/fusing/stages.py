@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from possmap.app import inputs
+from possmap.app.fusing import inputs
 from possmap.core.evidence import Layer, findings
 from possmap.core.fusion import TileLayers, blank, fuse_tile
 from possmap.core.lattice import TILE, TileKey
@@ -67,7 +67,7 @@ class LayoutTask(NamedTuple):
 
 
 class Elsewhere(NamedTuple):
-    """A plan that stays with whoever made it (``possmap.app.cluster``).
+    """A plan that stays with whoever made it (``possmap.app.fusing.cluster.crew``).
 
     held : stands for what was made there in one go; digest : the excursion's hash, its name there.
     """

@@ -7,9 +7,9 @@ from contextlib import contextmanager
 from itertools import groupby
 from typing import Protocol
 
-from possmap.app import inputs
-from possmap.app.judge import Known
-from possmap.app.stages import (
+from possmap.app.fusing import inputs
+from possmap.app.fusing.judge import Known
+from possmap.app.fusing.stages import (
     Elsewhere,
     LayoutTask,
     Read,
@@ -20,7 +20,7 @@ from possmap.app.stages import (
     read_logs,
     stamp_tile,
 )
-from possmap.app.workers import Spread, gathered, workers
+from possmap.app.fusing.workers import Spread, gathered, workers
 from possmap.core.plan import ExcursionPlan, by_tile
 from possmap.core.settings import EvidenceSettings
 from possmap.errors import GridError

@@ -6,8 +6,8 @@ import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from possmap.app import urls
-from possmap.app.ledger_log import read_ledger
+from possmap.app.fusing import urls
+from possmap.app.fusing.ledger_log import read_ledger
 from possmap.errors import LogError
 from possmap.files.limits import Limits
 from possmap.files.logs import (

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from possmap.app.stages import (
+from possmap.app.fusing.stages import (
     LaidOut,
     LayoutTask,
     Read,

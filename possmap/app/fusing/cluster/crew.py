@@ -14,13 +14,13 @@ from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
 
-from possmap.app import cluster_tasks as tasks
-from possmap.app import inputs, urls
-from possmap.app.cluster_client import Sent, Team, Work
-from possmap.app.cluster_start import team
-from possmap.app.crew import Batch, Crew, layout_tasks, read_tasks
-from possmap.app.judge import Known
-from possmap.app.stages import Elsewhere, LaidOut, Read, ReadTask, TileResult, read_logs
+from possmap.app.fusing import inputs, urls
+from possmap.app.fusing.cluster import tasks
+from possmap.app.fusing.cluster.client import Sent, Team, Work
+from possmap.app.fusing.cluster.start import team
+from possmap.app.fusing.crew import Batch, Crew, layout_tasks, read_tasks
+from possmap.app.fusing.judge import Known
+from possmap.app.fusing.stages import Elsewhere, LaidOut, Read, ReadTask, TileResult, read_logs
 from possmap.core.lattice import TileKey
 from possmap.core.settings import EvidenceSettings
 from possmap.errors import GridError, plural, printable
@@ -54,7 +54,7 @@ def cluster(address: str) -> Iterator[Crew]:
     Raises
     ------
     MissingExtra, WorkerError
-        As ``possmap.app.cluster_start.team``.
+        As ``possmap.app.fusing.cluster.start.team``.
     """
     with team(address) as connected:
         yield _Cluster(connected)

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from possmap.app.admission import Admission, how_to_forget
-from possmap.app.stages import LaidOut
+from possmap.app.fusing.admission import Admission, how_to_forget
+from possmap.app.fusing.stages import LaidOut
 from possmap.core.evidence import Findings, findings
 from possmap.core.model import ErrorModel
 from possmap.core.pyramid import FARTHEST, most_cells, swept_cells

@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from threading import current_thread, main_thread
 
-from possmap.app import cluster_client
-from possmap.app.cluster_client import Team
+from possmap.app.fusing.cluster import client
+from possmap.app.fusing.cluster.client import Team
 from possmap.errors import MissingExtra, WorkerError, printable
 
 DEATHS = 3
@@ -65,23 +65,23 @@ def team(address: str) -> Iterator[Team]:
                     reason = printable(" ".join(str(error).split()))[:200]
                     raise WorkerError(f"{place} cannot be started: {reason}") from None
                 stack.enter_context(started)
-                client = stack.enter_context(Client(started, set_as_default=False))
+                connected = stack.enter_context(Client(started, set_as_default=False))
         else:
             place = f"the scheduler at {printable(address)}"
-            seconds = cluster_client.CONNECT
+            seconds = client.CONNECT
             if address.startswith("tls:") and not _has_certificates():
                 raise WorkerError(
                     f"{place} asks for certificates, and dask's configuration names none "
                     "(distributed.comm.tls)"
                 )
             try:
-                connected = Client(address, timeout=seconds, set_as_default=False)
+                reached = Client(address, timeout=seconds, set_as_default=False)
             except (OSError, ValueError, RuntimeError):
                 problem = f"cannot be reached, tried for {seconds:g} s; the grid is as it was"
                 raise WorkerError(f"{place} {problem}") from None
-            client = stack.enter_context(connected)
+            connected = stack.enter_context(reached)
         stack.enter_context(_unwatched(watchers))
-        found = Team(client, place)
+        found = Team(connected, place)
         found.assemble()
         yield found
 

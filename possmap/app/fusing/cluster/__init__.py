@@ -1,0 +1,1 @@
+"""The same work by the workers of a dask cluster (docs/cluster.md)."""
