@@ -136,7 +136,7 @@ def fuse(
     settings = in_force(given, stored, grid)
     names = progress(list(inputs.expand(logs)), "log")
     outcomes: list[Outcome] = []
-    with _enough_memory(), _crew(jobs, dask) as hands:
+    with _enough_memory(), _crew(jobs, dask, budget) as hands:
         foresee = settings if hands.foresees and not dry_run else None
         how = ReadTask((), settings.limits, allow_truncated, budget, foresee)
         reading = hands.read(names, how)
@@ -154,9 +154,9 @@ def _holds_anything(grid: Path) -> bool:
     return check_file(grid, write=True)
 
 
-def _crew(jobs: int, dask: str | None) -> AbstractContextManager[Crew]:
+def _crew(jobs: int, dask: str | None, budget: Budget) -> AbstractContextManager[Crew]:
     if dask is None:
-        return crew.local(jobs)
+        return crew.local(jobs, budget)
     from possmap.app.fusing.cluster.crew import cluster  # needs what few have
 
     return cluster(dask)

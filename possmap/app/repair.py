@@ -122,7 +122,7 @@ class _Saved:
         with new.transaction():
             new.prepare(settings, self._old.robots)
         names: set[tuple[str, str]] = set()
-        with local(1) as crew:
+        with local(1, budget) as crew:
             for batch in batches:
                 names |= {entry.name for entry, _ in batch}
                 known = [Known(parcel, entry.model, 0) for entry, parcel in batch]
@@ -137,10 +137,11 @@ class _Saved:
 
     def _sound(self, identities: Iterable[int]) -> Iterator[tuple[Entry, Parcel]]:
         """Yield the excursions in which nothing is wrong, and note what is with the others."""
-        claims = self._old.soundness.claims
+        soundness = self._old.soundness
+        claims = soundness.claims
         settings, robots = self._old.settings, self._old.robots
         for identity in identities:
-            faults = list(self._old.soundness.excursion(identity))
+            faults = list(soundness.excursion(identity))
             entry = None if faults else self._old.ledger.entry_of(identity)
             if entry is not None:
                 own = claims.own_model(entry, settings)

@@ -20,10 +20,11 @@ from possmap.app.fusing.stages import (
     read_logs,
     stamp_tile,
 )
-from possmap.app.fusing.workers import Spread, gathered, workers
+from possmap.app.fusing.workers import Spread, gathered, here, workers
 from possmap.core.plan import ExcursionPlan, by_tile
 from possmap.core.settings import EvidenceSettings
 from possmap.errors import GridError
+from possmap.files.budget import Budget
 from possmap.files.gridfile.rows import ExcursionRows
 from possmap.files.gridfile.tiles import TileStore
 
@@ -64,21 +65,23 @@ class Crew(Protocol):
 
 
 @contextmanager
-def local(jobs: int) -> Iterator[Crew]:
+def local(jobs: int, budget: Budget) -> Iterator[Crew]:
     """Start ``jobs`` processes; one means this process.
+
+    budget : memory that this process, and each of them, may take.
 
     Raises
     ------
     WorkerError
         If a process ends before its work does.
     """
-    with workers(jobs) as spread:
+    with workers(jobs, budget.ahead) as spread:
         yield _Local(spread, foresees=jobs > 1)
 
 
 def read_tasks(names: Iterable[str], how: ReadTask) -> Iterator[ReadTask]:
     """Cut the work of reading into tasks that are worth sending."""
-    chunks = gathered(names, inputs.size_of, READ_AT_ONCE)
+    chunks = gathered(names, inputs.text_of, READ_AT_ONCE)
     return (how._replace(names=tuple(chunk)) for chunk in chunks)
 
 
@@ -94,6 +97,21 @@ def layout_tasks(
     return gathered(tasks, lambda task: task.parcel.count, LAY_OUT_AT_ONCE)
 
 
+def _read_bytes(task: ReadTask) -> int:
+    return 6 * sum(map(inputs.text_of, task.names))  # measured, as read and laid out
+
+
+def _laid_out_bytes(tasks: list[LayoutTask]) -> int:
+    return 500 * sum(task.parcel.count for task in tasks)
+
+
+def _task_bytes(task: TileTask) -> int:
+    """Return what is held until a tile is stamped, which is more than what comes back."""
+    pieces = sum(rows.nbytes for rows in task.work.pieces.values())
+    stored = sum(len(layer.data) for layer in task.stored.values())
+    return task.work.segments.nbytes + pieces + 100 * len(task.work.clips) + stored
+
+
 class _Local:
     def __init__(self, spread: Spread, foresees: bool) -> None:
         self._spread = spread
@@ -102,8 +120,8 @@ class _Local:
     def read(self, names: Iterable[str], how: ReadTask) -> Iterator[Read]:
         # Stdin is nobody's but this process's.
         for is_stdin, some in groupby(names, key=lambda name: name == inputs.STDIN):
-            spread = map if is_stdin else self._spread
-            for reads in spread(read_logs, read_tasks(some, how)):
+            spread = here if is_stdin else self._spread
+            for reads in spread(read_logs, read_tasks(some, how), _read_bytes):
                 yield from reads
 
     def batch(
@@ -126,7 +144,7 @@ class _LocalBatch:
 
     def rows(self) -> Iterator[ExcursionRows]:
         chunks = layout_tasks(self._accepted, self._settings)
-        laid_out = (one for some in self._spread(lay_out, chunks) for one in some)
+        laid_out = (one for some in self._spread(lay_out, chunks, _laid_out_bytes) for one in some)
         for known in self._accepted:
             rows, plan = known.foreseen or next(laid_out)
             assert not isinstance(plan, Elsewhere), "local processes send what they make"
@@ -141,6 +159,6 @@ class _LocalBatch:
 
     def _stamped(self, tasks: Iterable[TileTask]) -> Iterator[TileResult]:
         try:
-            yield from self._spread(stamp_tile, tasks)
+            yield from self._spread(stamp_tile, tasks, _task_bytes)
         except GridError as error:
             raise self._tiles.damaged(str(error)) from error

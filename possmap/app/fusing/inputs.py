@@ -20,6 +20,8 @@ from possmap.files.logs import (
 
 STDIN = "-"
 GRID_SUFFIX = ".possmap"
+TIMES_COMPRESSED = 12
+"""How much more text than bytes there is in a compressed log, about."""
 
 
 def expand(inputs: Iterable[str]) -> Iterator[str]:
@@ -65,6 +67,11 @@ def size_of(name: str) -> int:
         return 0 if name == STDIN else Path(name).stat().st_size
     except OSError:
         return 0  # reading it says why
+
+
+def text_of(name: str) -> int:
+    """Return about how much text a file holds [bytes], which a compressed one does not show."""
+    return size_of(name) * (TIMES_COMPRESSED if name.lower().endswith(".gz") else 1)
 
 
 def read(name: str, limits: Limits, allow_truncated: bool) -> LogFile:
