@@ -254,6 +254,39 @@ def test_a_log_that_changes_before_a_second_worker_reads_it_is_not_stamped(
     assert whole_logs(grid, logs) == 0
 
 
+def test_where_dask_cannot_start_a_thread_one_line_says_so_at_any_time(
+    logs: Path, tmp_path: Path, at_excursion: AtExcursion, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise RuntimeError("can't start new thread")  # as Python says it
+
+    grid = tmp_path / "site.possmap"
+    with machines(tmp_path / "m", 1) as found:
+        at_excursion(LOGS // 2, fail)
+        result = run(
+            "fuse", logs, "-g", grid, "--set=transaction_records=150", f"--dask={found.address}"
+        )
+    assert result.exit_code == 1
+    assert result.stderr == (
+        "possmap: dask cannot start a thread, perhaps for want of memory; the grid holds whole "
+        "logs only, and the same command completes the job\n"
+    )
+    assert 0 < whole_logs(grid, logs) < LOGS
+    monkeypatch.setattr("distributed.Client", fail)
+    result = run("fuse", logs, "-g", grid, "--dask=local:1")
+    assert result.exit_code == 1
+    assert result.stderr == (
+        "possmap: the cluster on this machine cannot be started: can't start new thread\n"
+    )
+
+
+@pytest.mark.parametrize("port", ["0", "65536", "99999999", "9" * 5000])
+def test_a_port_that_is_none_is_wrong_usage(port: str, logs: Path, tmp_path: Path) -> None:
+    result = run("fuse", logs, "-g", tmp_path / "g.possmap", f"--dask=tcp://localhost:{port}")
+    assert result.exit_code == 2
+    assert f"found the port {port[:20]}, expected 1 to 65535" in result.stderr
+
+
 @pytest.mark.parametrize("address", ["here", "tcp://host", "local:0", "local:x", "tcp://:"])
 def test_an_address_that_is_none_is_wrong_usage(address: str, logs: Path, tmp_path: Path) -> None:
     result = run("fuse", logs, "-g", tmp_path / "g.possmap", f"--dask={address}")

@@ -83,7 +83,10 @@ class Team:
             self._client.wait_for_workers(1, timeout=PATIENCE)
         except TimeoutError:
             raise self._forsaken() from None
-        found = self._client.run(installed, "possmap", on_error="return")
+        try:
+            found = self._client.run(installed, "possmap", on_error="return")
+        except OSError:
+            raise self._lost() from None
         for worker, other in sorted(found.items()):
             if isinstance(other, PackageNotFoundError):
                 raise WorkerError(f"the worker at {worker} has no possmap: install {self._version}")

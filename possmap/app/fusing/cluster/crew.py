@@ -11,12 +11,12 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import groupby
-from pathlib import Path
 from typing import NamedTuple
 
-from possmap.app.fusing import inputs, urls
+from possmap.app.fusing import inputs
 from possmap.app.fusing.cluster import tasks
 from possmap.app.fusing.cluster.client import Sent, Team, Work
+from possmap.app.fusing.cluster.names import whole
 from possmap.app.fusing.cluster.start import team
 from possmap.app.fusing.crew import Batch, Crew, layout_tasks, read_tasks
 from possmap.app.fusing.judge import Known
@@ -72,12 +72,7 @@ class _Cluster:
                 # Laid out by workers all the same, later.
                 yield from read_logs(how._replace(names=tuple(some), foresee=None))
                 continue
-            # A worker's folder is another one.
-            whole = (name if urls.is_url(name) else str(Path(name).absolute()) for name in some)
-            works = (
-                Work(_about(task.names), tasks.read_held, tasks.pack(task))
-                for task in read_tasks(whole, how)
-            )
+            works = (_reading(task) for task in read_tasks(some, how))
             for held, labels in self._team.labelled(works):
                 for read, rows in labels:
                     foreseen = tuple(None if one is None else _kept(held, one) for one in rows)
@@ -93,6 +88,12 @@ class _Cluster:
 def _is_here(name: str) -> bool:
     """Whether only this process can read it."""
     return name == inputs.STDIN or inputs.is_grid(name)
+
+
+def _reading(task: ReadTask) -> Work:
+    names = tuple(whole(name) for name in task.names)
+    far = tasks.FarTask(task._replace(names=names), task.names)
+    return Work(_about(task.names), tasks.read_held, tasks.pack(far))
 
 
 def _about(names: Sequence[str]) -> str:

@@ -14,6 +14,9 @@ from possmap.app.fusing.cluster import client
 from possmap.app.fusing.cluster.client import Team
 from possmap.errors import MissingExtra, WorkerError, printable
 
+NEVER = logging.CRITICAL + 1
+"""A level that no message of a log reaches."""
+
 DEATHS = 3
 """How many workers of ``local`` may die of a task, and it is tried once more."""
 
@@ -48,24 +51,32 @@ def team(address: str) -> Iterator[Team]:
         "distributed.scheduler.allowed-failures": DEATHS,
         "distributed.worker.profile.enabled": False,
     }
-    with warnings.catch_warnings(), dask.config.set(settings), ExitStack() as stack:
+    with (
+        warnings.catch_warnings(),
+        dask.config.set(settings),
+        _enough(),
+        ExitStack() as last,
+        ExitStack() as stack,
+    ):
         warnings.simplefilter("ignore", VersionMismatchWarning)
         if name == "local":
             place = "the cluster on this machine"
             with _undisturbed():  # half a cluster cannot be ended
                 try:
-                    started = LocalCluster(
-                        n_workers=int(count) if count else None,
-                        threads_per_worker=1,
-                        host="127.0.0.1",
-                        dashboard_address="127.0.0.1:0",
-                        silence_logs=logging.CRITICAL,
-                    )
-                except (OSError, RuntimeError) as error:
-                    reason = printable(" ".join(str(error).split()))[:200]
+                    with _deaf_to_interrupts():
+                        started = LocalCluster(
+                            n_workers=int(count) if count else None,
+                            threads_per_worker=1,
+                            host="127.0.0.1",
+                            dashboard_address="127.0.0.1:0",
+                            silence_logs=NEVER,
+                        )
+                    stack.enter_context(started)
+                    connected = stack.enter_context(Client(started, set_as_default=False))
+                    stack.callback(last.enter_context, _undisturbed())  # nor half-way
+                except (OSError, RuntimeError, MemoryError) as error:
+                    reason = printable(" ".join(str(error).split()))[:200] or "no memory"
                     raise WorkerError(f"{place} cannot be started: {reason}") from None
-                stack.enter_context(started)
-                connected = stack.enter_context(Client(started, set_as_default=False))
         else:
             place = f"the scheduler at {printable(address)}"
             seconds = client.CONNECT
@@ -102,7 +113,37 @@ def _silence() -> None:
         if name.startswith(tuple(f"{one}." for one in names))
     ]
     for name in (*names, *beneath):
-        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+        logging.getLogger(name).setLevel(NEVER)
+
+
+@contextmanager
+def _enough() -> Iterator[None]:
+    """Say in one line that dask could not start a thread, here or in a worker, at any time."""
+    try:
+        yield
+    except RuntimeError as error:
+        if str(error) != "can't start new thread":
+            raise
+        raise WorkerError(
+            f"dask cannot start a thread, perhaps for want of memory; {client.STAYS}"
+        ) from error
+
+
+@contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Let threads started meanwhile, and all that these ever start, have Ctrl-C blocked.
+
+    It goes to every process of a terminal's group; workers are to be told by this one. Dask starts
+    them from such threads, those too that replace a dead one, and what is blocked is inherited.
+    """
+    from multiprocessing import resource_tracker
+
+    resource_tracker.ensure_running()  # later, it would take the block off the thread that does so
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

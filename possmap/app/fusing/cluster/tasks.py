@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from possmap.app.fusing.cluster.names import as_given
 from possmap.app.fusing.stages import (
     LaidOut,
     LayoutTask,
@@ -49,6 +50,16 @@ class Label(NamedTuple):
 
     read: Read
     rows: tuple[ExcursionRows | None, ...]
+
+
+class FarTask(NamedTuple):
+    """Logs to read, and what they are called by the user, and so in what is said of them.
+
+    how : with names by which a worker finds them (``possmap.app.fusing.cluster.names``).
+    """
+
+    how: ReadTask
+    given: tuple[str, ...]
 
 
 class StampTask(NamedTuple):
@@ -149,9 +160,9 @@ def run_as(expected: str, function: Callable[..., Any], *args: Any) -> Any:
 
 
 def read_held(task: bytes) -> Held:
-    """Read logs, and keep their plans. ``task`` : a ReadTask."""
-    how: ReadTask = unpack(task)
-    reads = read_logs(how)
+    """Read logs, and keep their plans. ``task`` : a FarTask."""
+    how, given = unpack(task)
+    reads = [as_given(read, name) for read, name in zip(read_logs(how), given, strict=True)]
     laid_out = [one for read in reads for one in read.foreseen if one is not None]
     labels = [
         Label(
