@@ -15,6 +15,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from possmap.cli.main import main
+from possmap.files.gridfile.opening import EMPTY
 from possmap.release import version
 
 EXACT = {"along": 0, "across": 0, "turn_spread": 0}  # a robot that makes no errors
@@ -191,7 +192,7 @@ def test_a_poor_terminal_gets_the_text_too(encoding: str, tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("content", "complaint"),
     [
-        (b"", "empty; a first fuse that was stopped leaves this: run it again"),
+        (b"", EMPTY),
         (b"robot,excursion\n", "not a possmap grid"),
         (b"SQLite format 3\0", "not a possmap grid"),
     ],

@@ -18,7 +18,7 @@ from teams import digest, write_logs
 import possmap
 from possmap.app.repair import repair
 from possmap.errors import GridError
-from possmap.files.gridfile import database
+from possmap.files.gridfile import database, opening
 from possmap.files.gridfile.database import Database, check_file, journal_of
 
 PACKAGE = Path(possmap.__file__).parent
@@ -113,7 +113,7 @@ def test_a_reader_that_looks_while_another_commits_is_not_told_that_the_file_is_
 
         return looked
 
-    monkeypatch.setattr(database, "journal_of", commit_ends_before(journal_of))
+    monkeypatch.setattr(opening, "journal_of", commit_ends_before(journal_of))
     if size:
         assert check_file(grid, write=False)
     else:

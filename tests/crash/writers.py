@@ -24,7 +24,7 @@ from possmap.files.gridfile import database
 SOON_S = 60.0
 """How long a busy machine may take for what is soon."""
 
-TOO_EARLY = ("does not exist", "no such file", "empty; a first fuse", "nothing was fused into it")
+TOO_EARLY = ("does not exist", "no such file", "empty: a first fuse")
 
 
 def rounds(folder: Path, count: int, seed: int, short: bool = False) -> Tally:

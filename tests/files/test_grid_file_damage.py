@@ -148,6 +148,9 @@ BLOBS: dict[str, Callable[[bytes], object]] = {
     "an odd width": lambda data: b"\x03" + data[1:],
     "another width": lambda data: b"\x08" + data[1:],
     "cut short": lambda data: data[:-9],
+    "without its checksum": lambda data: data[:-4],
+    "with something behind it": lambda data: data + b"\0",
+    "twice": lambda data: data + data[1:],
     "a bit flipped": lambda data: data[:9] + bytes([data[9] ^ 64]) + data[10:],
     "text": lambda data: "text",
     "a number": lambda data: 7,
@@ -162,6 +165,9 @@ def test_a_damaged_tile_is_refused_where_it_is_read(kind: str, tmp_path: Path) -
         connection.execute("UPDATE cells SET data = ?", (BLOBS[kind](data),))
     connection.close()
     assert_only_readers_of_tiles_refuse(grid, tmp_path)
+    verified = run("verify", grid)
+    assert (verified.exit_code, verified.stray) == (1, "")
+    assert f"possmap: {grid}: tile 0, 0, " in verified.stderr
 
 
 def test_a_tile_whose_cells_are_gone_is_damaged_not_ignorance(tmp_path: Path) -> None:
@@ -197,6 +203,9 @@ def assert_only_readers_of_tiles_refuse(grid: Path, folder: Path) -> None:
         "UPDATE record SET x = 'east'",
         "UPDATE record SET x = NULL",
         "UPDATE record SET x = CAST(x'ff' AS TEXT)",
+        "UPDATE record SET x2 = 1.0 WHERE kind = 'pose'",
+        "UPDATE record SET corner = 'convex' WHERE kind = 'wall'",
+        "UPDATE record SET error_x = 0.0 WHERE kind = 'wall'",
         "UPDATE part SET first = 'early'",
         "UPDATE tile SET row0 = 'low'",
         "UPDATE tile SET hash = 7",

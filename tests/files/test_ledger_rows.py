@@ -72,7 +72,7 @@ def test_a_row_gives_back_the_record_that_it_was_made_of(record: Record) -> None
     }
     assert (stored["excursion"], stored["number"], stored["kind"]) == (3, 7, KIND_OF[type(record)])
     assert stored.keys() <= {"excursion", "number", "kind", *RECORD_COLUMNS}
-    again = record_of_row(KIND_OF[type(record)], [stored.get(name) for name in RECORD_COLUMNS])
+    again = record_of_row(KIND_OF[type(record)], tuple(map(stored.get, RECORD_COLUMNS)))
     assert again == record
     assert [type(getattr(again, f.name)) for f in fields(again)] == [
         type(getattr(record, f.name)) for f in fields(record)
@@ -87,6 +87,9 @@ def test_a_row_gives_back_the_record_that_it_was_made_of(record: Record) -> None
         ("x", "1", "x is no float"),
         ("hit", None, "hit is missing"),
         ("t", 1, "t is no float"),
+        ("heading", 0.0, "a beam has no heading"),
+        ("followed", 0, "a beam has no followed"),
+        ("peer", "", "a beam has no peer"),
     ],
 )
 def test_a_row_that_cannot_have_been_written_is_refused_by_its_column(
@@ -95,4 +98,4 @@ def test_a_row_that_cannot_have_been_written_is_refused_by_its_column(
     beam = {"seq": 1, "t": None, "x": 0.0, "y": 0.0, "x2": 1.0, "y2": 1.0, "hit": 1, "extra": ""}
     changed = beam | {column: value}
     with pytest.raises((ValueError, TypeError), match=problem):
-        record_of_row("beam", [changed.get(name) for name in RECORD_COLUMNS])
+        record_of_row("beam", tuple(map(changed.get, RECORD_COLUMNS)))

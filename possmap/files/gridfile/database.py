@@ -15,13 +15,23 @@ import logging
 import sqlite3
 import struct
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 from possmap.errors import GridError, printable
+from possmap.files.gridfile.bounds import LARGEST, SHORT, Bounds, Excess
 from possmap.files.gridfile.layout import OBJECTS, layout_faults, statements
+from possmap.files.gridfile.opening import (
+    bytes_held,
+    check_file,
+    is_in_wal_mode,
+    journal_of,
+)
+from possmap.files.gridfile.wording import ERRORS, damaged, explained, is_busy, is_excess
+
+__all__ = ["APPLICATION_ID", "FORMAT_VERSION", "Database", "check_file", "journal_of"]
 
 APPLICATION_ID = 0x506F7373
 FORMAT_VERSION = 2
@@ -32,23 +42,13 @@ WAIT_S = 60.0
 NOTE_S = 1.0
 """After how long it says that it waits."""
 
-LARGEST = 96 * 2**20
-"""The largest value of a row [bytes]; a log's ``x_`` keys may be as large as its file."""
-
 Row: TypeAlias = tuple[Any, ...]
+Found = TypeVar("Found")
 
 log = logging.getLogger(__name__)
 
 _LOOK_AGAIN_S = 0.02
 _UNSOUND = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError)
-
-_HEADER_SIZE = 100
-_IN_WORDS = {
-    "attempt to write a readonly database": "may not be written",
-    "unable to open database file": "cannot be opened, or its folder may not be written",
-    "database or disk is full": "the disk is full",
-    "disk I/O error": "the disk failed to read or write it, or a limit on file sizes was reached",
-}
 
 
 class Database:
@@ -73,6 +73,8 @@ class Database:
         path = self.path = path.resolve()  # of a link, the file whose journal counts
         # A journal that an interrupted writer left must be rolled back, which needs write access.
         mode = "rwc" if write else "rw" if journal_of(path).exists() else "ro"
+        self._is_wal = exists and is_in_wal_mode(path)
+        self._refused: GridError | None = None
         with self._explained():
             self._connection = sqlite3.connect(
                 f"{path.as_uri()}?mode={mode}",
@@ -80,7 +82,7 @@ class Database:
                 timeout=0,  # it is _patiently that waits
                 isolation_level=None,
             )
-            self._connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST)
+            self._bounds = Bounds(self._connection, bytes_held(path))
         self.execute("PRAGMA trusted_schema = OFF")
         self.execute("PRAGMA cell_size_check = ON")
         self.execute(f"PRAGMA cache_size = -{cache_kib}")
@@ -122,6 +124,8 @@ class Database:
             self.execute(f"PRAGMA user_version = {FORMAT_VERSION}")
 
     def _check_format(self) -> None:
+        with self._explained():
+            self._has_grown()
         if self.is_new():
             return
         if self.one("PRAGMA application_id") != (APPLICATION_ID,):
@@ -139,24 +143,66 @@ class Database:
     def execute(self, sql: str, values: Sequence[object] = ()) -> int:
         """Run one statement and return the id of the row that it inserted, if it did."""
         with self._explained():
+            self._bounds.start(LARGEST)
             return self._patiently(sql, values).lastrowid or 0
 
     def many(self, sql: str, rows: Iterable[Sequence[object]]) -> None:
         """Run one statement for every row."""
+        every = rows if isinstance(rows, list) else list(rows)
         with self._explained():
-            self._connection.executemany(sql, rows)
+            self._bounds.start(LARGEST, len(every))
+            self._connection.executemany(sql, every)
 
-    def one(self, sql: str, values: Sequence[object] = ()) -> Row | None:
-        """Return the first row, or None."""
+    def returning(self, sql: str, values: Sequence[object]) -> Row | None:
+        """Run one statement that writes, and return the first row that it returns, or None."""
         with self._explained():
+            self._bounds.start(LARGEST)
             row: Row | None = self._patiently(sql, values).fetchone()
         return row
 
-    def all(self, sql: str, values: Sequence[object] = ()) -> list[Row]:
-        """Return all rows: a cursor left open in the middle would hold its lock."""
+    def one(self, sql: str, values: Sequence[object] = (), longest: int = SHORT) -> Row | None:
+        """Return the first row, or None; longest : as of ``all``."""
+
+        def first(longest: int) -> Row | None:
+            self._bounds.start_reading(longest)
+            row: Row | None = self._patiently(sql, values).fetchone()
+            return row
+
+        return self._within_bounds(first, longest)
+
+    def all(self, sql: str, values: Sequence[object] = (), longest: int = SHORT) -> list[Row]:
+        """Return all rows: a cursor left open in the middle would hold its lock.
+
+        longest : the largest value that an honest file may hold there [bytes].
+        """
+
+        def every(longest: int) -> list[Row]:
+            self._bounds.start_reading(longest)
+            return self._bounds.take_in(self._patiently(sql, values))
+
+        return self._within_bounds(every, longest)
+
+    def _within_bounds(self, read: Callable[[int], Found], longest: int) -> Found:
+        """Read; once more, if long values are rare there, or the file has grown meanwhile.
+
+        read : takes the largest value that may come.
+        """
         with self._explained():
-            rows: list[Row] = self._patiently(sql, values).fetchall()
-        return rows
+            try:
+                return read(longest if longest < LARGEST else SHORT)
+            except (Excess, sqlite3.Error) as error:
+                if not is_excess(error) or not (self._has_grown() or longest == LARGEST):
+                    raise
+                return read(longest)
+
+    def _has_grown(self) -> bool:
+        """Note how large the file is now; whether it is larger than was known."""
+        self._bounds.start(SHORT)
+        pages = [
+            self._patiently(f"PRAGMA {what}", ()).fetchone()[0]
+            for what in ("page_count", "page_size")
+        ]
+        return self._bounds.has_grown(*pages)
 
     def _patiently(self, sql: str, values: Sequence[object]) -> sqlite3.Cursor:
         """Run a statement; if another process has locked the file, say so and try until WAIT_S.
@@ -170,7 +216,7 @@ class Database:
                 return self._connection.execute(sql, values)
             except sqlite3.OperationalError as error:
                 waited = time.monotonic() - start
-                if not _is_busy(error) or waited >= WAIT_S:
+                if not is_busy(error) or waited >= WAIT_S:
                     raise
             if waited >= NOTE_S and not noted:
                 noted = True
@@ -199,7 +245,11 @@ class Database:
             self._check_format()
             yield
         finally:
-            self.execute("COMMIT")
+            if self._refused is None:
+                self.execute("COMMIT")
+            else:
+                with suppress(sqlite3.Error):
+                    self._connection.rollback()
 
     def close(self) -> None:
         """Close the connection."""
@@ -207,25 +257,16 @@ class Database:
 
     @contextmanager
     def _explained(self) -> Iterator[None]:
+        if self._refused:
+            raise self._refused
         try:
             yield
-        except sqlite3.OperationalError as error:
-            if _is_busy(error):
-                problem = f"in use by another process for more than {WAIT_S:.0f} s; try again"
-                raise GridError(f"{self.name}: {problem}") from error
-            if "decode" in str(error):
-                raise self.damaged(str(error)) from error
-            if _code(error) == sqlite3.SQLITE_READONLY_ROLLBACK:
-                problem = "a writer was interrupted meanwhile; opening the grid again restores it"
-                raise GridError(f"{self.name}: {problem}") from error
-            problem = _IN_WORDS.get(str(error), f"cannot be used: {printable(str(error))}")
-            raise GridError(f"{self.name}: {problem}") from error
-        except sqlite3.ProgrammingError as error:  # closed, or of another thread
-            raise GridError(f"{self.name}: cannot be used: {printable(str(error))}") from error
-        except MemoryError as error:
-            raise self.damaged("a value takes more memory than there is") from error
-        except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
-            raise self.damaged(str(error)) from error
+        except (Excess, *ERRORS) as error:
+            if is_excess(error, longer=False):  # it takes time, so nothing else is tried
+                held = f"its {self._bounds.held} bytes"
+                self._refused = self.damaged(f"its tables lead to more than {held} can hold")
+                raise self._refused from error
+            raise explained(self.name, error, WAIT_S, self._is_wal) from error
 
     def bare(self, error: GridError) -> str:
         """Return an error's message without the name of the file."""
@@ -241,60 +282,4 @@ class Database:
 
     def damaged(self, what: str) -> GridError:
         """Return the error that says what in the file is not as it was written."""
-        return GridError(f"{self.name}: damaged: {printable(what)[:200]}")
-
-
-def _is_busy(error: sqlite3.Error) -> bool:
-    """Whether another process is in the way."""
-    return _code(error) & 0xFF == sqlite3.SQLITE_BUSY
-
-
-def _code(error: sqlite3.Error) -> int:
-    code: int = getattr(error, "sqlite_errorcode", 0)  # Python's own errors have none
-    return code
-
-
-def journal_of(path: Path) -> Path:
-    """Return the file that exists beside a grid while somebody writes."""
-    return path.with_name(path.name + "-journal")
-
-
-def check_file(path: Path, write: bool) -> bool:
-    """Look at the file's first bytes, before SQLite does; return whether it holds anything.
-
-    Raises
-    ------
-    GridError
-        If it cannot be a grid, or with ``write`` cannot become one.
-    """
-    name = printable(str(path))
-    try:
-        if not path.exists():
-            if not write:
-                raise GridError(f"{name}: no such file")
-            if not path.parent.is_dir():
-                raise GridError(f"{name}: the folder {printable(str(path.parent))} does not exist")
-            return False
-        if not path.is_file():
-            raise GridError(f"{name}: not a regular file, expected a possmap grid")
-        path = path.resolve()
-        with path.open("rb") as stream:
-            header = stream.read(_HEADER_SIZE)
-        # In this order: whoever was committing when we read the header has a journal still, or
-        # has made the file as long as the header says.
-        if journal_of(path).exists():
-            return True  # if its writer was interrupted, SQLite restores the file first
-        size = path.stat().st_size
-    except OSError as error:
-        raise GridError(f"{name}: cannot be read: {error.strerror or error}") from error
-    if not header:
-        if write:
-            return False  # what is left of a run that was stopped before its first commit
-        raise GridError(f"{name}: empty; a first fuse that was stopped leaves this: run it again")
-    if header[:16] != b"SQLite format 3\0" or len(header) < _HEADER_SIZE:
-        raise GridError(f"{name}: not a possmap grid")
-    page_size, change, pages = struct.unpack_from(">16xH6xII", header)
-    (valid_for,) = struct.unpack_from(">I", header, 92)
-    if change == valid_for and size < pages * (page_size if page_size > 1 else 65536):
-        raise GridError(f"{name}: cut short: {size} bytes, expected {pages * page_size}")
-    return True
+        return damaged(self.name, what)

@@ -83,6 +83,10 @@ def decode(layer: Layer, bounds: Window, data: bytes) -> LayerArray:
         raise ValueError(str(error)) from error
     if len(planes) != size:
         raise ValueError(f"{len(planes)} bytes of cells, expected {size}")
+    if not inflated.eof:
+        raise ValueError("its compressed cells are cut short")
+    if inflated.unused_data:
+        raise ValueError(f"{len(inflated.unused_data)} bytes behind its compressed cells")
     dtype = np.dtype(f"u{width}")
     lowest, *higher = np.frombuffer(planes, dtype=np.uint8).reshape(width, -1)
     differences = lowest.astype(dtype)

@@ -23,6 +23,7 @@ from possmap.files.budget import Budget
 from possmap.files.gridfile.checks import exactly, json_value
 from possmap.files.gridfile.database import Database
 from possmap.files.gridfile.ledger import Ledger
+from possmap.files.gridfile.opening import EMPTY
 from possmap.files.gridfile.soundness import Soundness
 from possmap.files.gridfile.tiles import TileStore
 from possmap.files.setting_table import SHAPING, Value, parse_setting
@@ -78,7 +79,7 @@ class Grid:
         self.tiles = TileStore(self._database)
         if not write and self.is_new:
             self.close()
-            raise GridError(f"{self._database.name}: not a possmap grid: nothing was fused into it")
+            raise GridError(f"{self._database.name}: {EMPTY}")
 
     def __repr__(self) -> str:
         return f"<possmap grid {self._database.name}>"
@@ -136,7 +137,7 @@ class Grid:
     @property
     def excursion_count(self) -> int:
         """How many excursions the ledger holds."""
-        return int((self._database.one("SELECT count(*) FROM excursion") or (0,))[0])
+        return self.ledger.count()
 
     def origin(self, window: Window | None = None) -> tuple[float, float]:
         """Return (x, y) [m] of the lower left corner of the first cell of a window, or of all."""

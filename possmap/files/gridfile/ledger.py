@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 
 from possmap.core.evidence import Geometry
 from possmap.core.lattice import TileKey
@@ -12,6 +13,7 @@ from possmap.core.propagation import ErrorRectangle
 from possmap.core.records import PartialMap
 from possmap.errors import brief
 from possmap.files.gridfile.arrivals import Arrival, Arrivals, Name, Part
+from possmap.files.gridfile.bounds import LARGEST
 from possmap.files.gridfile.checks import (
     check_counts,
     check_places,
@@ -73,6 +75,11 @@ class Ledger:
         """Yield the excursions in the order in which they were first fused."""
         return self._entries("ORDER BY id", ())
 
+    def count(self) -> int:
+        """Return how many excursions there are."""
+        # Not count(*), which is one step of SQLite's machine, however long it takes.
+        return int((self._database.one("SELECT count(id) FROM excursion") or (0,))[0])
+
     def identities(self) -> list[int]:
         """Return the ids of all excursions, in the same order."""
         return [
@@ -94,23 +101,26 @@ class Ledger:
                 entry = Entry(identity, robot, name, model_in_force(model), records)
             yield entry
 
-    def version(self, entry: Entry) -> PartialMap:
-        """Return all that is known of an excursion, as logged."""
+    def version(self, entry: Entry, most: int | None = None) -> PartialMap:
+        """Return all that is known of an excursion, as logged; or its first ``most`` records."""
+        count = entry.records if most is None else min(most, entry.records)
+        some = f" AND number < {count}" if count < entry.records else ""
         row = self._database.one(
-            "SELECT own_model, extra FROM excursion WHERE id = ?", (entry.identity,)
+            "SELECT own_model, extra FROM excursion WHERE id = ?", (entry.identity,), LARGEST
         )
         own, extra = row or ("{}", "")
         columns = ", ".join(f'"{column}"' for column in RECORD_COLUMNS)
         rows = self._database.all(
-            f"SELECT {columns}, number, kind FROM record WHERE excursion = ? ORDER BY number",
+            f"SELECT {columns}, number, kind FROM record WHERE excursion = ?{some} ORDER BY number",
             (entry.identity,),
+            LARGEST,
         )
         with self._database.sound(_title(entry.robot, entry.excursion)):
-            if len(rows) != entry.records:
-                raise ValueError(f"{len(rows)} records, expected {entry.records}")
-            if [row[-2] for row in rows] != list(range(entry.records)):
+            if len(rows) != count:
+                raise ValueError(f"{len(rows)} records, expected {count}")
+            if list(map(itemgetter(-2), rows)) != list(range(count)):
                 raise ValueError("its records are not numbered one by one")
-            records = tuple(record_of_row(row[-1], row) for row in rows)
+            records = tuple(map(record_of_row, map(itemgetter(-1), rows), rows))
             extra = exactly(extra, str)
             return PartialMap(entry.robot, entry.excursion, own_model(own), records, extra)
 
@@ -183,7 +193,7 @@ class Ledger:
 
     def add(self, rows: ExcursionRows) -> None:
         """Write down a new excursion, or the later part of a known one."""
-        found = self._database.one(
+        found = self._database.returning(
             "INSERT INTO excursion (robot, name, own_model, model, records, hash, extra)"
             " VALUES (?, ?, ?, ?, ?, ?, ?) ON CONFLICT (robot, name) DO UPDATE SET"
             " records = excluded.records, hash = excluded.hash, extra = excluded.extra"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import struct
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, fields
 from itertools import product
 from operator import attrgetter, itemgetter
@@ -34,7 +34,11 @@ _TYPES: dict[str, type] = {
     "seq": int, "followed": int, "hit": int, "upto": int,
     "corner": str, "peer": str, "peer_excursion": str, "extra": str,
 }  # fmt: skip
-RECORD_COLUMNS = sorted({column for kind in KINDS.values() for _, column in columns_of(kind)})
+RECORD_COLUMNS = (
+    "seq", "t", "x", "y", "x2", "y2", "followed", "hit", "corner", "peer", "peer_excursion", "upto",
+    "heading", "error_x", "error_y", "error_heading", "extra",
+)  # fmt: skip
+"""In an order in which those that a pose or a wall does not have stand side by side."""
 
 Values: TypeAlias = tuple[Any, ...]
 
@@ -214,17 +218,21 @@ class _FromRow(NamedTuple):
     """How a kind of record is made of its row.
 
     pick : takes its values out of a row's of RECORD_COLUMNS.
-    sound : the types that they may have.
+    unused : takes out those of other kinds, which are ``nothing``.
+    sound : the types that its values may have; usual : those that they mostly have.
     fits : whether a log may hold them.
-    flag : the place of the value that is true or false.
+    has_flag : whether its last value but one is true or false.
     """
 
     make: Callable[..., Record]
-    pick: Callable[[Sequence[object]], Values]
+    pick: Callable[[Values], Values]
+    unused: Callable[[Values], Values]
+    nothing: Values
     columns: tuple[str, ...]
+    usual: tuple[type, ...]
     sound: frozenset[tuple[type, ...]]
     fits: Callable[..., bool]
-    flag: int | None
+    has_flag: bool
 
 
 def _from_row(kind: type[Record]) -> _FromRow:
@@ -233,30 +241,53 @@ def _from_row(kind: type[Record]) -> _FromRow:
         (_TYPES.get(column, float), *([type(None)] if column in _MAY_BE_ABSENT else []))
         for column in columns
     ]
-    flag = next((place for place, column in enumerate(columns) if column in _FLAGS), None)
     pick = itemgetter(*(RECORD_COLUMNS.index(column) for column in columns))
-    return _FromRow(kind, pick, columns, frozenset(product(*may_be)), FITS[kind], flag)
+    unused = itemgetter(*_runs([column not in columns for column in RECORD_COLUMNS]))
+    nothing = unused((None,) * len(RECORD_COLUMNS))
+    usual, sound = tuple(types[0] for types in may_be), frozenset(product(*may_be))
+    has_flag = columns[-2] in _FLAGS
+    return _FromRow(kind, pick, unused, nothing, columns, usual, sound, FITS[kind], has_flag)
+
+
+def _runs(chosen: Sequence[bool]) -> Iterator[slice]:
+    """Yield the places of what is chosen, neighbours together."""
+    places = [place for place, is_chosen in enumerate(chosen) if is_chosen]
+    starts = [place for place in places if place - 1 not in places]
+    ends = [place + 1 for place in places if place + 1 not in places]
+    yield from map(slice, starts, ends)
 
 
 _FROM_ROW = {name: _from_row(kind) for name, kind in KINDS.items()}
 
 
-def record_of_row(kind: str, row: Sequence[object]) -> Record:
+def record_of_row(kind: str, row: Values) -> Record:
     """Return a record of its row; ValueError or TypeError if it cannot have been written so.
 
     row : the values of RECORD_COLUMNS.
     """
     if kind not in _FROM_ROW:
         raise ValueError(f"found the kind {shown(kind)}")
-    make, pick, columns, sound, fits, flag = _FROM_ROW[kind]
+    make, pick, unused, nothing, columns, usual, sound, fits, has_flag = _FROM_ROW[kind]
     values = pick(row)
-    if tuple(map(type, values)) not in sound:
+    types = tuple(map(type, values))
+    if types != usual and types not in sound:  # to compare is faster than to hash
         raise _unsound(columns, values)
+    if unused(row) != nothing:
+        raise _of_another_kind(kind, row)
     if not fits(*values):
         raise unfit(columns, values)
-    if flag is not None:
-        values = (*values[:flag], bool(values[flag]), *values[flag + 1 :])
+    if has_flag:
+        return make(*values[:-2], values[-2] != 0, values[-1])
     return make(*values)
+
+
+def _of_another_kind(kind: str, row: Values) -> Exception:
+    """Return the error that names the first value which no record of this kind has."""
+    columns = _FROM_ROW[kind].columns
+    for column, value in zip(RECORD_COLUMNS, row, strict=False):
+        if column not in columns and value is not None:
+            return ValueError(f"a {kind} has no {column}")
+    raise AssertionError("all of them are NULL")
 
 
 def _unsound(columns: Sequence[str], values: Sequence[object]) -> Exception:

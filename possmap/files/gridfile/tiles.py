@@ -14,6 +14,7 @@ from possmap.core.lattice import TILE, TileKey, Window, joined, tile_window
 from possmap.core.patches import Crop, Patch, cropped
 from possmap.core.patches import joined as joined_patches
 from possmap.errors import GridError
+from possmap.files.gridfile.bounds import CELLS
 from possmap.files.gridfile.checks import bounds_in_tile, exactly, tile_place
 from possmap.files.gridfile.database import Database
 from possmap.files.gridfile.directory import Directory
@@ -57,6 +58,7 @@ class TileStore:
             " FROM tile LEFT JOIN cells ON cells.tile = tile.id"
             f' WHERE layer IN ({_LAYERS}) AND row = ? AND "column" = ?',
             tuple(key),
+            CELLS,
         )
         with self._database.sound(f"tile {key.row}, {key.column}"):
             return {
@@ -154,6 +156,7 @@ class TileStore:
             f' WHERE layer IN ({layers}) AND row = ? AND "column" BETWEEN ? AND ?'
             ' ORDER BY "column"',
             (row, first, first if last is None else last),
+            CELLS,
         ):
             with self._database.sound(f"tile {row}, {column}"):
                 tile_place(column)
