@@ -6,18 +6,19 @@ side, in the same integers: weights by subtraction, the largest denial but its o
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from possmap.core.evidence import Layer
-from possmap.core.fusion import TileLayers, blank, necessity_of, possibility_of
-from possmap.core.lattice import TILE, TileKey, Window, tile_window
-from possmap.core.pyramid import Values, Weights
-from possmap.core.views import Masses, masses
+from possmap.core.fusion import LayerArray, necessity_of, possibility_of
+from possmap.core.lattice import TILE, Window
+from possmap.core.patches import Crop, Patch, extent_of, spread
+from possmap.core.pyramid import FULL, Values, Weights
+from possmap.core.views import CellArray, masses
 
 SQUARE = 32
 """Cells along a side of the squares among which the worst is looked for; divides TILE."""
@@ -25,75 +26,151 @@ SQUARE = 32
 FREE_COUNTS = 0.5
 """What agreeing on free space counts beside agreeing on a wall: most of a site is free."""
 
-_CELLS = TILE * TILE
 _ACROSS = TILE // SQUARE
 
 
-class Said(NamedTuple):
-    """What a side says of walls in one tile, where it says anything.
-
-    cells : numbers of the cells, row by row in the tile, ascending; shape (cells,).
-    weights : for a wall; denials : against one; of the same shape.
-    """
-
-    cells: NDArray[np.intp]
-    weights: Weights
-    denials: Values
-
-
-def said(layers: TileLayers, key: TileKey, window: Window | None = None) -> Said:
-    """Return what a partial tile says of walls, of all its cells or of those in a window."""
-    whole = tile_window(key)
-    weights, denials = (
-        layers.get(layer, blank(layer)).copy() for layer in (Layer.WALLS, Layer.FREE)
-    )
-    if window is not None:
-        inside = np.zeros((TILE, TILE), dtype=bool)
-        inside[window.intersection(whole).slices_in(whole)] = True
-        weights[~inside], denials[~inside] = 0, 0
-    return _sparse(weights.reshape(-1), denials.reshape(-1))
-
-
-def together(sides: Iterable[Said]) -> Said:
-    """Return what several sides say as one: weights add up, of denials the larger counts."""
-    weights, denials = blank(Layer.WALLS).reshape(-1), blank(Layer.FREE).reshape(-1)
-    for side in sides:
-        weights[side.cells] += side.weights
-        denials[side.cells] = np.maximum(denials[side.cells], side.denials)
-    return _sparse(weights, denials)
-
-
-def _sparse(weights: NDArray[np.generic], denials: NDArray[np.generic]) -> Said:
-    cells = np.flatnonzero((weights != 0) | (denials != 0))
-    return Said(cells, weights[cells].astype(np.int64), denials[cells].astype(np.uint16))
-
-
 class Crowd:
-    """All sides of one tile, from which any one can be left out.
+    """What sides say together in a window, from which any one can be left out.
 
-    Of denials the largest two are kept, and whose the largest is: enough for every side at once.
+    Of denials the largest two are kept: enough for every side at once. However many sides there
+    are, it takes 12 bytes a cell.
     """
 
-    def __init__(self, sides: Sequence[Said]) -> None:
-        self.sides = sides
-        self._weights = np.zeros(_CELLS, dtype=np.int64)
-        self._largest, self._second = np.zeros((2, _CELLS), dtype=np.uint16)
-        self._owner = np.full(_CELLS, -1, dtype=np.intp)
-        for number, side in enumerate(sides):
-            self._weights[side.cells] += side.weights
-            before = self._largest[side.cells]
-            self._second[side.cells] = np.maximum(
-                self._second[side.cells], np.minimum(before, side.denials)
-            )
-            self._owner[side.cells[side.denials > before]] = number
-            self._largest[side.cells] = np.maximum(before, side.denials)
+    def __init__(self, window: Window) -> None:
+        self.window = window
+        self._walls = False
+        self._weights = np.zeros(window.shape, dtype=np.int64)
+        self._largest, self._second = np.zeros((2, *window.shape), dtype=np.uint16)
 
-    def without(self, number: int) -> Said:
-        """Return what all but one side say, in the cells of which that one says anything."""
-        side = self.sides[number]
-        own = self._owner[side.cells] == number
-        denials = np.where(own, self._second[side.cells], self._largest[side.cells])
-        return Said(side.cells, self._weights[side.cells] - side.weights, denials)
+    def add(self, side: Patch) -> None:
+        """Add a side, which lies within the window."""
+        if Layer.WALLS in side:
+            window, weights = side[Layer.WALLS]
+            self._weights[window.slices_in(self.window)] += weights
+            self._walls = True
+        if Layer.FREE in side:
+            window, denials = side[Layer.FREE]
+            inside = window.slices_in(self.window)
+            largest, second = self._largest[inside], self._second[inside]
+            np.maximum(second, np.minimum(largest, denials), out=second)
+            np.maximum(largest, denials, out=largest)
+
+    def whole(self) -> Patch:
+        """Return what all sides say as one: weights add up, of denials the larger counts."""
+        layers = ((Layer.WALLS, self._weights), (Layer.FREE, self._largest))
+        return {layer: Crop(self.window, cells) for layer, cells in layers if cells.any()}
+
+    def without(self, side: Patch) -> Patch:
+        """Return what all but one of the sides added say, in the cells around what that one says.
+
+        Whoever denies as much as the largest is left with the second, which is as large if two do.
+        """
+        if not side:
+            return {}
+        window = extent_of(side)
+        around = window.slices_in(self.window)
+        denials = self._largest[around]
+        if Layer.FREE in side:
+            own = spread(side, Layer.FREE, window)
+            denials = np.where(own == denials, self._second[around], denials)
+        found = {Layer.FREE: Crop(window, denials)}
+        if self._walls:
+            weights = self._weights[around]
+            if Layer.WALLS in side:
+                weights = weights - spread(side, Layer.WALLS, window)
+            found[Layer.WALLS] = Crop(window, weights)
+        return found
+
+
+class Worst(NamedTuple):
+    """The cell that contradicts most, in the square of a tile that does.
+
+    row, column, conflict : of the cell, and K there. in_square : the sum of K over the square.
+    """
+
+    row: int
+    column: int
+    conflict: float
+    in_square: float
+
+
+class Compared(NamedTuple):
+    """A side beside the others in one tile; the sums that ``Tally`` adds up."""
+
+    said: int = 0
+    compared: int = 0
+    wall_free: float = 0.0
+    free_wall: float = 0.0
+    wall_wall: float = 0.0
+    free_free: float = 0.0
+    worst: Worst | None = None
+
+
+def compare(mine: Patch, others: Patch) -> Compared:
+    """Compare what a side says in one tile with what the others say in the same cells."""
+    if not mine:
+        return Compared()
+    window = extent_of(mine)
+    somewhere = _says_anything(mine, window)
+    said = int(np.count_nonzero(somewhere))
+    if not others:
+        return Compared(said)
+    cells = np.flatnonzero(somewhere & _says_anything(others, window))
+    if not len(cells):
+        return Compared(said)
+    if Layer.WALLS not in mine and Layer.WALLS not in others:
+        # Paths alone contradict nobody.
+        free = [_free_alone()[_denials(side, window, cells)] for side in (mine, others)]
+        return Compared(said, len(cells), free_free=float((free[0] * free[1]).sum()))
+    one, other = (
+        committed(_weights(side, window, cells), _denials(side, window, cells))
+        for side in (mine, others)
+    )
+    wall_free, free_wall = one.wall * other.free, one.free * other.wall
+    return Compared(
+        said,
+        len(cells),
+        wall_free=float(wall_free.sum()),
+        free_wall=float(free_wall.sum()),
+        wall_wall=float((one.wall * other.wall).sum()),
+        free_free=float((one.free * other.free).sum()),
+        worst=_worst(window, cells, wall_free + free_wall),
+    )
+
+
+def _says_anything(side: Patch, window: Window) -> NDArray[np.bool_]:
+    found = np.zeros(window.shape, dtype=np.bool_)
+    for layer in side:
+        found |= spread(side, layer, window) != 0
+    return found
+
+
+def _weights(side: Patch, window: Window, cells: NDArray[np.intp]) -> Weights:
+    return _in_cells(side, Layer.WALLS, window, cells).astype(np.int64, copy=False)
+
+
+def _denials(side: Patch, window: Window, cells: NDArray[np.intp]) -> Values:
+    return _in_cells(side, Layer.FREE, window, cells).astype(np.uint16, copy=False)
+
+
+def _in_cells(side: Patch, layer: Layer, window: Window, cells: NDArray[np.intp]) -> LayerArray:
+    every = spread(side, layer, window).reshape(-1)
+    return every if len(cells) == len(every) else every[cells]
+
+
+def _worst(window: Window, cells: NDArray[np.intp], against: CellArray) -> Worst | None:
+    """Return the square in which most contradicts, and in it the worst cell."""
+    some = np.flatnonzero(against)
+    if not len(some):
+        return None
+    row, column = np.divmod(cells[some], window.shape[1])
+    row, column, against = row + window.row0, column + window.column0, against[some]
+    square = row % TILE // SQUARE * _ACROSS + column % TILE // SQUARE
+    sums = np.bincount(square, against)
+    most = int(sums.argmax())
+    inside = np.flatnonzero(square == most)
+    at = inside[int(against[inside].argmax())]
+    return Worst(int(row[at]), int(column[at]), float(against[at]), float(sums[most]))
 
 
 @dataclass
@@ -111,8 +188,7 @@ class Tally:
     wall_wall, free_free
         Sums of the products that agree.
     worst
-        Row and column of the cell that contradicts most in the square that does, and its K; None
-        where nothing contradicts.
+        Of all tiles; None where nothing contradicts.
     """
 
     said: int = 0
@@ -121,8 +197,7 @@ class Tally:
     free_wall: float = 0.0
     wall_wall: float = 0.0
     free_free: float = 0.0
-    worst: tuple[int, int, float] | None = None
-    _worst_sum: float = 0.0
+    worst: Worst | None = None
 
     @property
     def conflict(self) -> float:
@@ -141,37 +216,38 @@ class Tally:
         whole = against + self.wall_wall + FREE_COUNTS * self.free_free
         return against / whole if whole else 0.0
 
-    def add(self, key: TileKey, mine: Said, others: Said) -> None:
-        """Add one tile: what the side says, and the others in the same cells."""
-        self.said += len(mine.cells)
-        both = (others.weights != 0) | (others.denials != 0)
-        if not both.any():
-            return
-        cells = mine.cells[both]
-        self.compared += len(cells)
-        one = committed(mine.weights[both], mine.denials[both])
-        other = committed(others.weights[both], others.denials[both])
-        wall_free, free_wall = one.wall * other.free, one.free * other.wall
-        self.wall_free += float(wall_free.sum())
-        self.free_wall += float(free_wall.sum())
-        self.wall_wall += float((one.wall * other.wall).sum())
-        self.free_free += float((one.free * other.free).sum())
-        self._note(key, cells, wall_free + free_wall)
-
-    def _note(self, key: TileKey, cells: NDArray[np.intp], against: NDArray[np.float64]) -> None:
-        """Remember the square in which most contradicts, and in it the worst cell."""
-        row, column = np.divmod(cells, TILE)
-        square = row // SQUARE * _ACROSS + column // SQUARE
-        sums = np.bincount(square, against)
-        most = int(sums.argmax())
-        if sums[most] > self._worst_sum:
-            inside = np.flatnonzero(square == most)
-            at = inside[int(against[inside].argmax())]
-            self._worst_sum = float(sums[most])
-            place = key.row * TILE + int(row[at]), key.column * TILE + int(column[at])
-            self.worst = (*place, float(against[at]))
+    def add(self, found: Compared) -> None:
+        """Add one tile."""
+        self.said += found.said
+        self.compared += found.compared
+        self.wall_free += found.wall_free
+        self.free_wall += found.free_wall
+        self.wall_wall += found.wall_wall
+        self.free_free += found.free_free
+        if found.worst and found.worst.in_square > (self.worst.in_square if self.worst else 0):
+            self.worst = found.worst
 
 
-def committed(weights: Weights, denials: Values) -> Masses:
+class Committed(NamedTuple):
+    """What a side commits itself to: m(wall) and m(free) of METHOD §4, of the same shape."""
+
+    wall: CellArray
+    free: CellArray
+
+
+def committed(weights: Weights, denials: Values) -> Committed:
     """Return the masses of METHOD §4, each side's own conflict normalised away."""
-    return masses(necessity_of(weights), possibility_of(denials))
+    # Most cells hold no weight, and what they say is one of 65,536 numbers.
+    wall, free = np.zeros(weights.shape), _free_alone()[denials]
+    some = np.flatnonzero(weights)
+    if len(some):
+        found = masses(necessity_of(weights[some]), possibility_of(denials[some]))
+        wall[some], free[some] = found.wall, found.free
+    return Committed(wall, free)
+
+
+@cache
+def _free_alone() -> CellArray:
+    """Return m(free) of each 16-bit denial where there is no weight."""
+    denials = np.arange(FULL + 1, dtype=np.uint16)
+    return masses(np.zeros(FULL + 1), possibility_of(denials)).free

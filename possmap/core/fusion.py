@@ -58,16 +58,24 @@ def fuse_tile(work: TileWork, layers: TileLayers, settings: EvidenceSettings) ->
     """
     changed: TileLayers = {}
     window = tile_window(work.key)
-    for layer, pieces in sorted(work.pieces.items()):
+    for layer in sorted(work.pieces):
         array = layers[layer].copy() if layer in layers else blank(layer)
-        if layer is Layer.FREE:
-            _deny(array.astype(np.uint16, copy=False), window, work, pieces, settings.resolution)
-        else:
-            weights = array.astype(np.int64, copy=False)
-            kernel.reinforce(weights, window, work.segments, pieces, settings.resolution, WEIGHT)
+        stamp_layer(array, window, work, layer, settings.resolution)
         if array.any():
             changed[layer] = array
     return changed
+
+
+def stamp_layer(
+    array: LayerArray, window: Window, work: TileWork, layer: Layer, resolution: float
+) -> None:
+    """Add to an array of the cells of ``window`` what the work says of one layer there."""
+    pieces = work.pieces[layer]
+    if layer is Layer.FREE:
+        _deny(array.astype(np.uint16, copy=False), window, work, pieces, resolution)
+    else:
+        weights = array.astype(np.int64, copy=False)
+        kernel.reinforce(weights, window, work.segments, pieces, resolution, WEIGHT)
 
 
 def merged(one: TileLayers, other: TileLayers) -> TileLayers:

@@ -67,6 +67,11 @@ class ExcursionPlan:
     records: Ints
     clips: Clips
 
+    @property
+    def groups(self) -> int:
+        """Beyond any of its groups' numbers."""
+        return 1 + int(self.pieces[:, _GROUP].max(initial=0))
+
     def among(self, keys: Collection[TileKey], layer: Layer | None = None) -> ExcursionPlan:
         """Return what it says in some tiles; of one layer, or of all."""
         wanted = np.array([tuple(key) for key in keys], dtype=np.int64).reshape(-1, 2)
@@ -158,7 +163,7 @@ def _joined(plans: Sequence[ExcursionPlan], same_groups: bool = False) -> Excurs
         segments += len(plan.segments)
         clips += len(plan.clips)
         if not same_groups:
-            groups += 1 + int(plan.pieces[:, _GROUP].max(initial=0))
+            groups += plan.groups
     return ExcursionPlan(
         np.concatenate([plan.segments for plan in plans]),
         np.concatenate(pieces),

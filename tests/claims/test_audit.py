@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+import re
+import tracemalloc
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,18 +21,24 @@ from teams import ROBUST, fuse, write_logs
 from troupes import drive, logs_of, shipped_world
 
 import possmap
-from possmap.app.audit import Audit, audit, tiles
-from possmap.core.contradiction import Crowd, Said, Tally, committed, together
+from possmap.app import tallies
+from possmap.app.audit import Audit, audit
+from possmap.core.contradiction import Crowd, Tally, committed, compare
 from possmap.core.evidence import Layer
 from possmap.core.fusion import CERTAIN, WEIGHT, blank
-from possmap.core.lattice import TILE, TileKey
+from possmap.core.lattice import TILE, TileKey, tile_window
+from possmap.core.outliers import FEWEST, LEAST_SPREAD, Others
+from possmap.core.patches import Crop, Patch, spread
 from possmap.core.pyramid import FULL
+from possmap.errors import BudgetError
+from possmap.files.budget import LEAST_MIB, Budget
 from possmap.files.gridfile.ledger import Entry
 
 Log = dict[str, Any]
 PROFILES: Mapping[str, Mapping[str, Any]] = {
     "paper": {"resolution": 0.2},
     "robust": {**ROBUST, "resolution": 0.2},
+    "swath": {"path_width": 0.5, "resolution": 0.2},
 }
 
 
@@ -63,22 +71,41 @@ def stored(grid: Path) -> dict[TileKey, dict[Layer, NDArray[Any]]]:
         return found
 
 
-def sides(grid: Path) -> tuple[list[Entry], list[tuple[TileKey, dict[int, Said]]]]:
+def sides(grid: Path) -> tuple[list[Entry], list[tuple[TileKey, dict[int, Patch]]]]:
     with possmap.open_grid(grid) as opened:
         entries = list(opened.ledger.entries())
-        return entries, list(tiles(opened, entries, None))
+        tiles = tallies.sides(opened, entries)
+        return entries, [
+            (tile.key, {number: tile.said(number) for number in tile.numbers}) for tile in tiles
+        ]
 
 
-def in_tile(
-    known: Mapping[TileKey, Mapping[Layer, NDArray[Any]]], key: TileKey, one: Said
+def crowd_of(key: TileKey, some: Iterable[Patch]) -> Crowd:
+    crowd = Crowd(tile_window(key))
+    for side in some:
+        crowd.add(side)
+    return crowd
+
+
+def whole(key: TileKey, side: Patch) -> dict[Layer, NDArray[Any]]:
+    """Return walls and denials of all cells of a tile, row by row."""
+    return {
+        layer: spread(side, layer, tile_window(key)).reshape(-1)
+        for layer in (Layer.WALLS, Layer.FREE)
+    }
+
+
+def cells_of(layers: Mapping[Layer, NDArray[Any]]) -> NDArray[np.intp]:
+    return np.flatnonzero((layers[Layer.WALLS] != 0) | (layers[Layer.FREE] != 0))
+
+
+def in_cells(
+    layers: Mapping[Layer, NDArray[Any]], cells: NDArray[np.intp]
 ) -> tuple[list[int], list[int]]:
-    """Return weights and denials of a grid in the cells of a side."""
-    tile = known.get(key, {layer: blank(layer).reshape(-1) for layer in Layer})
-    return tile[Layer.WALLS][one.cells].tolist(), tile[Layer.FREE][one.cells].tolist()
+    return layers[Layer.WALLS][cells].tolist(), layers[Layer.FREE][cells].tolist()
 
 
-def as_lists(one: Said) -> tuple[list[int], list[int]]:
-    return one.weights.tolist(), one.denials.tolist()
+NOTHING = {layer: blank(layer).reshape(-1) for layer in (Layer.WALLS, Layer.FREE)}
 
 
 @pytest.mark.parametrize("profile", PROFILES)
@@ -100,16 +127,17 @@ def test_the_others_are_the_very_grid_that_is_fused_without_the_excursion(
             others = stored(rest)
         said_in = {key: found[number] for key, found in by_tile if number in found}
         for key, layers in own.items():
-            somewhere = np.flatnonzero((layers[Layer.WALLS] != 0) | (layers[Layer.FREE] != 0))
-            found_cells = said_in[key].cells if key in said_in else np.array([], dtype=np.intp)
-            assert found_cells.tolist() == somewhere.tolist()
+            mine = whole(key, said_in.get(key, {}))
+            assert cells_of(mine).tolist() == cells_of(layers).tolist()
         for key, found in by_tile:
             if number in found:
-                crowd = Crowd(list(found.values()))
-                place = list(found).index(number)
-                mine = found[number]
-                assert as_lists(mine) == in_tile(own, key, mine)
-                assert as_lists(crowd.without(place)) == in_tile(others, key, mine)
+                mine = whole(key, found[number])
+                cells = cells_of(mine)
+                rest_of_it = crowd_of(key, found.values()).without(found[number])
+                assert in_cells(mine, cells) == in_cells(own.get(key, NOTHING), cells)
+                assert in_cells(whole(key, rest_of_it), cells) == in_cells(
+                    others.get(key, NOTHING), cells
+                )
 
 
 @pytest.mark.parametrize("profile", PROFILES)
@@ -132,12 +160,17 @@ def test_a_robot_is_all_its_excursions_and_its_others_are_the_other_robots(
     seen = 0
     for key, found in by_tile:
         parts = [
-            together(one for number, one in found.items() if (entries[number].robot == robot) is me)
-            for me in (True, False)
+            crowd_of(key, some).whole()
+            for some in (
+                [one for number, one in found.items() if (entries[number].robot == robot) is me]
+                for me in (True, False)
+            )
         ]
-        assert as_lists(parts[0]) == in_tile(own, key, parts[0])
-        assert as_lists(Crowd(parts).without(0)) == in_tile(others, key, parts[0])
-        seen += len(parts[0].cells)
+        mine, theirs = whole(key, parts[0]), whole(key, crowd_of(key, parts).without(parts[0]))
+        cells = cells_of(mine)
+        assert in_cells(mine, cells) == in_cells(own.get(key, NOTHING), cells)
+        assert in_cells(theirs, cells) == in_cells(others.get(key, NOTHING), cells)
+        seen += len(cells)
     assert seen > 0
 
 
@@ -145,19 +178,22 @@ values = st.integers(0, FULL)
 cells = st.lists(st.tuples(st.integers(0, TILE * TILE - 1), values, values), max_size=30)
 
 
-def side_of(some: Sequence[tuple[int, int, int]]) -> Said:
-    by_cell = {cell: (wall, free) for cell, wall, free in some if wall or free}
-    numbers = np.array(sorted(by_cell), dtype=np.intp)
-    walls, frees = (
-        np.array([by_cell[cell][part] for cell in sorted(by_cell)], dtype=np.int64)
-        for part in (0, 1)
-    )
-    return Said(numbers, WEIGHT[walls], frees.astype(np.uint16))
+ORIGIN = TileKey(0, 0)
 
 
-def tally_of(one: Said, other: Said) -> Tally:
+def side_of(some: Sequence[tuple[int, int, int]]) -> Patch:
+    layers = {layer: blank(layer) for layer in (Layer.WALLS, Layer.FREE)}
+    for cell, wall, free in some:
+        layers[Layer.WALLS].reshape(-1)[cell] = WEIGHT[wall]
+        layers[Layer.FREE].reshape(-1)[cell] = free
+    return {
+        layer: Crop(tile_window(ORIGIN), cells) for layer, cells in layers.items() if cells.any()
+    }
+
+
+def tally_of(one: Patch, other: Patch) -> Tally:
     tally = Tally()
-    tally.add(TileKey(0, 0), one, Crowd([one, other]).without(0))
+    tally.add(compare(one, crowd_of(ORIGIN, [one, other]).without(one)))
     return tally
 
 
@@ -169,7 +205,11 @@ def test_of_two_each_contradicts_the_other_as_much(
     there, back = tally_of(one, other), tally_of(other, one)
     assert (there.wall_free, there.free_wall) == (back.free_wall, back.wall_free)
     assert (there.wall_wall, there.free_free) == (back.wall_wall, back.free_free)
-    assert there.compared == back.compared == len(set(one.cells) & set(other.cells))
+    assert (
+        there.compared
+        == back.compared
+        == len(set(cells_of(whole(ORIGIN, one))) & set(cells_of(whole(ORIGIN, other))))
+    )
     assert 0 <= there.conflict <= 1
     assert 0 <= there.contradiction <= 1
 
@@ -181,18 +221,21 @@ def test_k_is_dempsters_of_the_masses_of_either_side(a: int, b: int, c: int, d: 
     if not (a or b) or not (c or d):
         assert tally.compared == 0
         return
-    masses = [committed(side.weights, side.denials) for side in (one, other)]
-    (wall, free, _), (wall2, free2, _) = ([float(part[0]) for part in mass] for mass in masses)
+    (wall, free), (wall2, free2) = (
+        [float(part[7]) for part in committed(layers[Layer.WALLS], layers[Layer.FREE])]
+        for layers in (whole(ORIGIN, one), whole(ORIGIN, other))
+    )
     assert tally.conflict == pytest.approx(wall * free2 + free * wall2)
 
 
 def test_sure_of_a_wall_against_sure_of_free_space_is_k_1_and_agreement_is_k_0() -> None:
     wall, free = side_of([(7, FULL, 0)]), side_of([(7, 0, FULL)])
-    assert wall.weights.tolist() == [CERTAIN]
+    assert whole(ORIGIN, wall)[Layer.WALLS][7] == CERTAIN
     assert tally_of(wall, free).conflict == pytest.approx(1, abs=1e-6)
-    row, column, conflict = tally_of(wall, free).worst or (0, 0, 0.0)
-    assert (row, column) == (0, 7)
-    assert conflict == pytest.approx(1, abs=1e-6)
+    worst = tally_of(wall, free).worst
+    assert worst
+    assert worst[:2] == (0, 7)
+    assert worst.conflict == pytest.approx(1, abs=1e-6)
     assert tally_of(wall, wall).conflict == tally_of(free, free).conflict == 0
     assert tally_of(wall, wall).worst is None
 
@@ -207,10 +250,12 @@ def test_the_worst_place_is_in_the_square_that_contradicts_most_not_the_worst_ce
     half = FULL // 2
     lonely, crowded = (5, FULL, 0), [(100 + column, half, 0) for column in range(8)]
     one = side_of([lonely, *crowded])
-    other = side_of([(cell, 0, FULL) for cell in one.cells.tolist()])
-    row, column, conflict = tally_of(one, other).worst or (0, 0, 0.0)
-    assert (row, column) == (0, 100)
-    assert conflict == pytest.approx(0.5, abs=1e-4)
+    other = side_of([(cell, 0, FULL) for cell, *_ in (lonely, *crowded)])
+    worst = tally_of(one, other).worst
+    assert worst
+    assert worst[:2] == (0, 100)
+    assert worst.conflict == pytest.approx(0.5, abs=1e-4)
+    assert worst.in_square == pytest.approx(4, abs=1e-3)
 
 
 def team() -> list[Log]:
@@ -294,3 +339,96 @@ def test_a_log_retold_without_a_fault_is_the_log(honest: list[Log]) -> None:
                     assert same[key] == pytest.approx(value, abs=2e-3)
                 else:
                     assert same[key] == value
+
+
+def drives(robot: str, excursion: str, x: float, half: float) -> Log:
+    """Return an excursion of one short run, its place uncertain by so many metres."""
+    records = [
+        {"seq": 0, "kind": "pose", "x": x, "y": 6, "heading": 0, "error_x": half, "error_y": half},
+        {"seq": 1, "kind": "pose", "x": x + 0.1, "y": 6, "heading": 0},
+    ]
+    model = {"max_error": 100} if half else {"along": 0, "across": 0}
+    return {
+        "possmap_log": 1,
+        "robot": robot,
+        "excursion": excursion,
+        "model": model,
+        "records": records,
+    }
+
+
+def carried(folder: Path, logs: Sequence[Log]) -> Path:
+    grid = folder / "site.possmap"
+    outer = {"possmap_log": 1, "robot": "r", "excursion": "a", "records": [], "carried": logs}
+    fuse(write_logs(folder / "logs", [outer]), grid, {"resolution": 0.05})
+    return grid
+
+
+def test_memory_does_not_grow_with_the_excursions_of_a_tile(tmp_path: Path) -> None:
+    # 100 that each say something of all of a tile's 65,536 cells would be 119 MiB; 100 MiB more
+    # to compare them. The memory of 128 MiB holds the interpreter, too.
+    grid = carried(
+        tmp_path, [drives(f"q{number % 70}", f"{number}", 6, 12) for number in range(99)]
+    )
+    tracemalloc.start()
+    try:
+        found = audit(grid, budget=Budget(LEAST_MIB))
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 60 << 20
+    assert sum(side.share == 1 for side in found.excursions) == 99
+
+
+@pytest.mark.parametrize("kept", [0, 1 << 20])
+def test_what_is_stamped_twice_says_the_same(
+    kept: int, honest: list[Log], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole_site = audited(tmp_path, honest)
+    monkeypatch.setattr(tallies, "_MOST_KEPT", kept)
+    assert audit(tmp_path / "site.possmap") == whole_site
+
+
+def test_a_small_excursion_takes_no_more_cells_than_it_may_touch(tmp_path: Path) -> None:
+    far = [drives(f"q{number}", "a", 1000.0 * number, 0) for number in range(5)]
+    _, by_tile = sides(carried(tmp_path, far))
+    crops = [crop for _, found in by_tile for side in found.values() for crop in side.values()]
+    assert len(crops) >= 5
+    assert max(crop.window.cells for crop in crops) < 200
+
+
+def test_pieces_that_do_not_fit_are_refused_before_they_are_sorted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Each run lies in 40 tiles.
+    far = [drives("q", "a", 0, 0), drives("p", "a", 0, 0)]
+    for log in far:
+        log["records"][1]["x"] = 500
+    grid = carried(tmp_path, far)
+    monkeypatch.setattr(tallies, "_PIECE_BYTES", 1 << 20)
+    monkeypatch.setattr(tallies, "sides_by_tile", None)
+    with pytest.raises(BudgetError, match="laying out 4 records needs --memory ") as caught:
+        audit(grid, budget=Budget(LEAST_MIB))
+    monkeypatch.undo()
+    assert audit(grid, budget=Budget(LEAST_MIB)).robots
+    # 39 pieces and more beyond one a record, a third more for what is not held, the program.
+    needed = int(re.findall("--memory ([0-9]+)", str(caught.value))[0])
+    assert needed >= 2 * 37 * 4 / 3 + 56
+
+
+sided = st.lists(st.tuples(st.sampled_from("abcd"), st.sampled_from([0.0, 0.1, 0.25, 0.3, 1.0])))
+
+
+@given(sided)
+def test_others_are_all_values_but_the_owners(some: list[tuple[str, float]]) -> None:
+    others = Others([value for _, value in some], [owner for owner, _ in some])
+    for owner in "abcde":
+        rest = np.array([value for one, value in some if one != owner])
+        assert others.owners_without(owner) == len({one for one, _ in some if one != owner})
+        median = np.median(rest) if len(rest) > 1 else None
+        assert others.median_without(owner) == median
+        if len(rest) < FEWEST:
+            assert others.spread_without(owner) is None
+        else:
+            apart = np.median(np.abs(rest - np.median(rest)))
+            assert others.spread_without(owner) == max(LEAST_SPREAD, 1.4826 * apart)
