@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from itertools import islice
 from pathlib import Path
 
 from possmap.app.progress import Progress, quiet
@@ -19,7 +20,14 @@ from possmap.files.gridfile.database import check_file
 from possmap.files.gridfile.forgotten import SHORT, Forgotten
 from possmap.files.gridfile.grid import Grid
 from possmap.files.gridfile.ledger import Ledger
+from possmap.files.gridfile.opening import EMPTY
 from possmap.release import version
+
+MOST_NAMED = 20
+"""Of what a message lists; more of it would be no line that anybody reads."""
+
+MOST_GUESSED = 5000
+"""Names among which the nearest to one is looked for: each may take a millisecond."""
 
 _SHA256 = re.compile("[0-9a-f]{8,64}")
 """What may be the beginning of a hash."""
@@ -111,10 +119,10 @@ def forget(
         files = [*_files(forgotten), *((name, sha256) for name, sha256, _ in ledger.came.sources())]
         what = _named(path, target, files, "brought nothing to this grid")
         known = _same(forgotten, what)
+        grid.upgrade()  # first of all: format 1 has no index of what brought an excursion
         losses = list(_losses(ledger, what))
         if known is None and not losses:
-            raise _unknown(path, what, [entry.name for entry in ledger.entries()])
-        grid.upgrade()
+            raise _unknown(path, what, [entry.name for entry in ledger.entries()], forgotten)
         tiles = withdraw(grid, losses, budget, progress)
         gone = tuple(
             Gone(*loss.entry.name, loss.lost, loss.kept, not loss.left)
@@ -148,7 +156,7 @@ def recall(path: Path, target: Target) -> Forgotten:
         what = _named(path, target, _files(forgotten), "is not forgotten")
         known = _same(forgotten, what)
         if known is None:
-            titles = ", ".join(one.title for one in forgotten) or "nothing"
+            titles = _listed([one.title for one in forgotten]) or "nothing"
             raise GridError(
                 f"{printable(str(path))}: {what.title} is not forgotten; forgotten: {titles}"
             )
@@ -162,7 +170,7 @@ def _changing(path: Path, budget: Budget) -> Iterator[Grid]:
     check_file(path, write=False)
     with Grid(path, write=True, budget=budget) as grid:
         if grid.is_new:
-            raise GridError(f"{printable(str(path))}: nothing was fused into it")
+            raise GridError(f"{printable(str(path))}: {EMPTY}")
         with grid.transaction():
             yield grid
 
@@ -199,10 +207,10 @@ def _file(
     alike = {sha256: name for name, sha256 in found}
     place, shown = printable(str(path)), printable(given)
     if not alike:
-        guess = did_you_mean(given, [name for name, _ in files])
+        guess = _guess(given, (name for name, _ in files))
         raise GridError(f"{place}: a file {shown} {otherwise}{printable(guess)}")
     if len(alike) > 1:
-        which = ", ".join(f"{sha256[:SHORT]} ({printable(alike[sha256])})" for sha256 in alike)
+        which = _listed([f"{sha256[:SHORT]} ({printable(alike[sha256])})" for sha256 in alike])
         raise GridError(
             f"{place}: {len(alike)} files are named {shown}, expected one, "
             f"or how its SHA-256 begins: {which}"
@@ -247,11 +255,31 @@ def _losses(ledger: Ledger, what: Forgotten) -> Iterator[Loss]:
             yield Loss(known, tuple(replayed(others)))
 
 
-def _unknown(path: Path, what: Forgotten, names: Sequence[tuple[str, str]]) -> GridError:
+def _unknown(
+    path: Path, what: Forgotten, names: Sequence[tuple[str, str]], forgotten: Sequence[Forgotten]
+) -> GridError:
     """Return the error that says that there is nothing to forget."""
-    excursions = [excursion for robot, excursion in names if robot == what.robot]
-    if what.excursion is not None and excursions:
-        guess = did_you_mean(what.excursion, excursions)
+    place, robot = printable(str(path)), what.robot or ""
+    of_robot = [excursion for one, excursion in names if one == robot]
+    if what.excursion is None or of_robot:
+        missing = what.title
     else:
-        guess = did_you_mean(what.robot or "", {robot for robot, _ in names})
-    return GridError(f"{printable(str(path))}: knows no {what.title}{printable(guess)}")
+        missing = replace(what, excursion=None).title
+    for one in forgotten:
+        if one.robot == what.robot and (what.excursion is None or one.excursion is None):
+            since = printable(one.forgotten_at)
+            return GridError(f"{place}: knows no {missing}; {one.title} is forgotten since {since}")
+    if what.excursion is not None and of_robot:
+        guess = _guess(what.excursion, of_robot)
+    else:
+        guess = _guess(robot, (one for one, _ in names))
+    return GridError(f"{place}: knows no {missing}{printable(guess)}")
+
+
+def _guess(word: str, known: Iterable[str]) -> str:
+    return did_you_mean(word, islice(dict.fromkeys(known), MOST_GUESSED))
+
+
+def _listed(words: Sequence[str]) -> str:
+    more = len(words) - MOST_NAMED
+    return ", ".join(words[:MOST_NAMED]) + (f" and {more} more" if more > 0 else "")

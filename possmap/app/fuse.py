@@ -180,7 +180,9 @@ def _batches(reading: Iterable[Read], most: int | None, budget: Budget) -> Itera
     for one in reading:
         batch.append(one)
         if one.log is not None:
-            records += sum(delivery.parcel.count for delivery in one.log.deliveries)
+            # A ledger's versions of one excursion share its records.
+            wholes = {id(one.parcel.whole): one.parcel.whole for one in one.log.deliveries}
+            records += sum(whole.count for whole in wholes.values())
         if most is None:
             budget.check_together(records)
         elif records >= most:

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from possmap.app.progress import Progress, quiet
-from possmap.app.refuse import Refused
+from possmap.app.refuse import Again, Refused
 from possmap.core.evidence import Layer
+from possmap.core.fusion import TileLayers
 from possmap.core.lattice import TileKey
 from possmap.errors import GridError, PossmapError, printable
 from possmap.files.budget import Budget
@@ -91,7 +92,12 @@ class _Look:
     def faults(self) -> Iterator[str]:
         """Yield each fault as one line; after one that stops the look, that is the last."""
         try:
-            yield from self._soundness.structure()
+            broken = list(self._soundness.structure())
+            yield from broken
+            if broken:
+                yield "nothing else was looked at: its structure is damaged"
+                return
+            yield from self._soundness.orphans()
             self.tiles = self._grid.tiles.directory.count()
             yield from self._soundness.tiles()
             yield from self._claims.forgotten()
@@ -131,19 +137,28 @@ class _Look:
         seen: set[int] = set()
         counts = [len(keys) for keys in self._soundness.keys_by_row()]
         total = sum(counts) if self._full else min(SAMPLE, sum(counts))
-        for key in self._progress(self._chosen(counts), "tile", total):
-            touching = [ledger.entry_of(identity) for identity in ledger.known_in(key)]
-            entries = [entry for entry in touching if entry is not None]
-            for entry in entries:
-                if entry.identity not in seen:
-                    yield from self._layout_fault(anew, entry)
-            seen |= {entry.identity for entry in entries}
-            yield from self._tile_faults(key, anew, entries)
-            self.refused += 1
+        chosen, most = self._chosen(counts), anew.tiles_at_once
+        batches = range(0, total, most)
+        outer, inner = (quiet, self._progress) if len(batches) == 1 else (self._progress, quiet)
+        for _ in outer(batches, "batch of tiles"):
+            keys = list(islice(chosen, most))
+            stamping = anew.stamping({key: {} for key in keys})
+            touching = anew.touching(keys)
+            for identity in inner(touching, "excursion"):
+                entry = ledger.entry_of(identity)
+                if entry is not None:
+                    again = anew.laid_out(entry)
+                    if identity not in seen:
+                        yield from self._layout_fault(entry, again)
+                    stamping.add(again.plan, touching[identity])
+            seen.update(touching)
+            for key, made in stamping.done().items():
+                yield from self._tile_faults(key, made)
+                self.refused += 1
         if self._full:
             for entry in ledger.entries():
                 if entry.identity not in seen:
-                    yield from self._layout_fault(anew, entry)
+                    yield from self._layout_fault(entry, anew.laid_out(entry))
 
     def _chosen(self, counts: list[int]) -> Iterator[TileKey]:
         """Yield the tiles to fuse again: all, or some, the same ones each time.
@@ -159,21 +174,17 @@ class _Look:
             if chosen is None or number in chosen:
                 yield key
 
-    def _layout_fault(self, anew: Refused, entry: Entry) -> Iterator[str]:
-        geometry, plan = anew.laid_out(entry)
-        if geometry != self._grid.ledger.geometry(entry):
+    def _layout_fault(self, entry: Entry, again: Again) -> Iterator[str]:
+        if again.geometry != self._grid.ledger.geometry(entry):
             yield f"{title(entry)}: its places are not those of its records"
-        if not self._soundness.is_touched(entry, plan.touched()):
+        if not self._soundness.is_touched(entry, again.plan.touched()):
             yield f"{title(entry)}: its tiles are not those that its records touch"
 
-    def _tile_faults(self, key: TileKey, anew: Refused, entries: list[Entry]) -> Iterator[str]:
+    def _tile_faults(self, key: TileKey, made: TileLayers) -> Iterator[str]:
         held = self._soundness.digests(key)
-        made = {
-            layer: encode(layer, key, array).digest
-            for layer, array in anew.tile(key, entries).items()
-        }
+        digests = {layer: encode(layer, key, array).digest for layer, array in made.items()}
         for layer in Layer:
-            if held.get(layer) != made.get(layer):
+            if held.get(layer) != digests.get(layer):
                 yield (
                     f"tile {key.row}, {key.column}, {LAYER_WORDS[layer]}: "
                     "not what the ledger's records make"

@@ -132,21 +132,17 @@ class _Withdrawal:
     def _raise(self, denials: dict[TileKey, LayerArray]) -> None:
         """Raise denials to what the others know, excursion by excursion, and write them."""
         ledger = self._grid.ledger
-        wanted: dict[int, list[TileKey]] = {}
-        for key in denials:
-            for identity in ledger.known_in(key):
-                wanted.setdefault(identity, []).append(key)
-        for identity in sorted(wanted.keys() - self._gone):
+        tiles: dict[TileKey, TileLayers] = {key: {Layer.FREE: at} for key, at in denials.items()}
+        stamping = self._again.stamping(tiles, Layer.FREE)
+        for identity, keys in self._again.touching(tiles).items():
+            if identity in self._gone:
+                continue
             entry = ledger.entry_of(identity)
             if entry is None:
                 raise self._odd(f"excursion number {identity} is not there")
-            plan = self._again.laid_out(entry).plan.among(wanted[identity], Layer.FREE)
-            for work in by_tile([plan])[1]:
-                held: TileLayers = {Layer.FREE: denials[work.key]}
-                held |= fuse_tile(work, held, self._settings)  # which leaves out what is all 0
-                denials[work.key] = held[Layer.FREE]
-        for key, array in denials.items():
-            self._put(key, {Layer.FREE: array}, self._grid.tiles.read(key))
+            stamping.add(self._again.laid_out(entry).plan, keys)
+        for key, layers in stamping.done().items():
+            self._put(key, layers, self._grid.tiles.read(key))
 
     def _put(self, key: TileKey, left: TileLayers, held: TileLayers) -> None:
         """Write what changed of a tile; what is pure ignorance now vanishes."""

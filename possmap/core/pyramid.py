@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from possmap.core.evidence import Segment
 from possmap.core.lattice import HAIR
-from possmap.core.model import ErrorModel
 
 MOST_LOGGED = 1e6
 """No number of a log is larger (docs/logs.md) [m]."""
@@ -147,34 +146,3 @@ def quantised(values: Floats) -> Values:
 
 FARTHEST = 2**50
 """Cells from the origin: beyond, doubles do not tell one cell from its neighbour for long."""
-
-
-def most_cells(span: float, count: int, model: ErrorModel, resolution: float) -> float:
-    """Return what no record of an excursion can exceed in cells touched, without laying it out.
-
-    Infinity, if one of its ``count`` records might lie farther than FARTHEST. Nothing logged is
-    longer than ``span`` [m], the diagonal of the box of all its places; the correction
-    stretches it by ``scale`` at most. A record has at most three segments, and each sweeps the
-    widest pyramid along at most so many cells, twice for good measure.
-    """
-    longest = span * max(1.0, model.scale)
-    if (MOST_LOGGED + count * longest) / resolution >= FARTHEST:
-        return math.inf
-    wide = 2 * model.max_error / resolution + 3
-    return 3 * (wide * wide + 2 * wide * (2 * longest / resolution + 2))
-
-
-def swept_cells(segment: Segment, resolution: float, max_error: float) -> int:
-    """Return an upper bound of the cells that a segment touches, without looking at any of them."""
-    span = relevant(segment, resolution, max_error)
-    if span is None:
-        return 0
-    steps = span[1] - span[0]
-    longest = max(abs(segment.x1 - segment.x0), abs(segment.y1 - segment.y0)) or 1.0
-    across_x = math.ceil(steps * abs(segment.x1 - segment.x0) / longest)
-    across_y = math.ceil(steps * abs(segment.y1 - segment.y0) / longest)
-    widest_x = min(max_error, max(segment.rect0.half_x, segment.rect1.half_x))
-    widest_y = min(max_error, max(segment.rect0.half_y, segment.rect1.half_y))
-    columns = 2 * math.ceil(widest_x / resolution + 0.5) - 1
-    rows = 2 * math.ceil(widest_y / resolution + 0.5) - 1
-    return rows * columns + across_x * rows + across_y * columns

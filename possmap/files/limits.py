@@ -13,8 +13,8 @@ class Limits:
     limit_nesting : how deep the JSON of a log may be nested.
     limit_file_objects : objects and lists that the JSON of a log may hold; records are objects.
     limit_file_excursions : how many a log may hold, carried ones among them.
-    limit_record_cells : cells that one record may touch.
-    limit_file_cells : cells that the records of one log may touch in all; not of a grid's ledger.
+    limit_record_cells : cells of work (``core.work``) that one record may take.
+    limit_file_cells : the same, of the records of one log in all; not of a grid's ledger.
     transaction_records : after so many records read, what was fused is committed.
     """
 

@@ -162,8 +162,8 @@ OF_A_CALL: Mapping[str, Setting] = MappingProxyType(
         "limit_nesting": Setting(_count, "deepest nesting of a log's JSON"),
         "limit_file_objects": Setting(_count, "most objects and lists in a log's JSON"),
         "limit_file_excursions": Setting(_count, "most excursions that one log may hold"),
-        "limit_record_cells": Setting(_count, "most cells that one record may touch"),
-        "limit_file_cells": Setting(_count, "most cells that one log may touch, record by record"),
+        "limit_record_cells": Setting(_count, "most cells of work of one record"),
+        "limit_file_cells": Setting(_count, "most cells of work of one log"),
         "transaction_records": Setting(_count, "records read between two commits"),
     }
 )

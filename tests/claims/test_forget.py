@@ -198,7 +198,8 @@ def test_tile_by_tile_and_laid_out_again_each_time_it_comes_to_the_same(
     seed: int, independence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("possmap.app.withdraw._DENIALS_BYTES", 2**62)
-    monkeypatch.setattr("possmap.app.refuse.HELD", 1)
+    monkeypatch.setattr("possmap.app.refuse.KEPT", 2**62)
+    monkeypatch.setattr("possmap.app.refuse.GATHERED", 2**62)
     team = Team(300 + seed, independence, tmp_path)
     target = Target(team.excursions[0][0])
     grid = team.copy()

@@ -29,10 +29,10 @@ from possmap.core.evidence import findings
 from possmap.core.heading import HeadingError
 from possmap.core.model import LARGEST, NEVER_NEGATIVE, PARAMETERS, POSITIVE, ErrorModel
 from possmap.core.propagation import PoseError, StretchErrors, propagate
-from possmap.core.pyramid import swept_cells
 from possmap.core.records import PartialMap, Pose, Record, Wall
 from possmap.core.settings import Estimator, EvidenceSettings
 from possmap.core.track import stretches
+from possmap.core.work import works_of
 from possmap.simulation.logbook import Logbook
 
 metres = st.floats(-20, 20)
@@ -252,9 +252,8 @@ def test_whatever_is_allowed_gives_finite_errors_never_below_nothing(
         assert all(half >= 0 and math.isfinite(half) for half in halves)
         assert error.heading_half <= math.pi / 2
     settings = EvidenceSettings(estimator="heading", free_along_walls=True, clip_coobserved=True)
-    for one in findings(PartialMap("r", "a", (), tuple(records)), model, settings).evidence:
-        for segment in one.segments:
-            assert swept_cells(segment, settings.resolution, model.max_error) >= 0
+    found = findings(PartialMap("r", "a", (), tuple(records)), model, settings)
+    assert all(0 <= work.of_record < math.inf for work in works_of(found, settings).values())
 
 
 def test_a_long_log_of_the_largest_errors_stays_finite() -> None:

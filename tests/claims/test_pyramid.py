@@ -10,8 +10,9 @@ from literal.cell_to_cell import pyramid_cell_to_cell
 from possmap.core.evidence import Segment
 from possmap.core.lattice import TileKey, Window
 from possmap.core.propagation import ErrorRectangle
-from possmap.core.pyramid import FULL, Values, swept_cells
+from possmap.core.pyramid import FULL, Values
 from possmap.core.stamping import Piece, extent, pieces_of, stamp
+from possmap.core.work import segment_work
 
 halves = st.floats(0, 1.2)
 resolutions = st.sampled_from([0.05, 0.1, 0.25])
@@ -85,7 +86,7 @@ def test_tiles_and_extents_hold_every_cell_that_a_segment_touches(
         region = extent(piece, resolution).intersection(everywhere)
         stamp(again[region.slices_in(everywhere)], region, piece, resolution, 1.0)
     assert np.array_equal(whole, again)
-    assert np.count_nonzero(whole) <= swept_cells(segment, resolution, 1.0)
+    assert np.count_nonzero(whole) <= segment_work(segment, 0, resolution, 1.0).cells
 
 
 @given(st.tuples(*[halves] * 4), st.integers(0, 60), st.integers(1, 60))

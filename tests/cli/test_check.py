@@ -171,7 +171,7 @@ def test_checking_changes_nothing(tmp_path: Path) -> None:
 def test_a_record_beyond_the_limit_of_cells_is_refused(tmp_path: Path) -> None:
     path = write(tmp_path / "a.json", log())
     result = run("check", path, "--set", "limit_record_cells=50")
-    assert result.stderr.startswith(f"possmap: {path}:1: seq 1 of excursion a of robot r1 touches ")
+    assert result.stderr.startswith(f"possmap: {path}:1: seq 1 of excursion a of robot r1 takes ")
     assert result.stderr.endswith("expected at most 50 (setting limit_record_cells)\n")
     assert result.exit_code == 1
 

@@ -325,11 +325,46 @@ def test_forgetting_twice_changes_nothing(site: Path) -> None:
     assert (result.exit_code, site.read_bytes()) == (0, before)
 
 
+def test_what_is_gone_with_something_forgotten_is_said_to_be_so(site: Path) -> None:
+    run("forget", site, "--robot", "r2")
+    result = run("forget", site, "--robot", "r2", "--excursion", "a")
+    assert at(result.stderr) == (
+        "possmap: site.possmap: knows no robot r2; robot r2 is forgotten since AT\n"
+    )
+    run("forget", site, "--robot", "r3", "--excursion", "a")
+    result = run("forget", site, "--robot", "r3")
+    assert at(result.stderr) == (
+        "possmap: site.possmap: knows no robot r3; excursion a of robot r3 is forgotten since AT\n"
+    )
+    assert result.exit_code == 1
+
+
+def test_a_message_names_no_more_than_a_few_of_many(site: Path) -> None:
+    with closing(sqlite3.connect(site)) as database, database:
+        for number in range(30):
+            row = f"q{number:02}", f"{number:064x}"
+            database.execute(
+                "INSERT INTO forgotten VALUES (NULL, ?, NULL, NULL, NULL, 1, 1, 'once', '0')",
+                row[:1],
+            )
+            database.execute("INSERT INTO source VALUES (NULL, 'x', ?, 1, 'once', '0')", row[1:])
+    forgotten = run("forget", site, "--robot", "r1", "--recall").stderr
+    assert forgotten.endswith(", robot q18, robot q19 and 10 more\n")
+    files = run("forget", site, "--brought-by", "x").stderr
+    assert ": 30 files are named x, expected one" in files
+    assert files.endswith("000000000000 (x) and 10 more\n") and files.count("(x)") == 20
+
+
 @pytest.mark.parametrize(
     ("options", "complaint"),
     [
         (("--robot", "r33"), 'knows no robot r33, did you mean "r3"?'),
         (("--robot", "r3", "--excursion", "b"), "knows no excursion b of robot r3"),
+        (
+            ("--robot", "r3", "--excursion", "aa"),
+            'knows no excursion aa of robot r3, did you mean "a"?',
+        ),
+        (("--robot", "r33", "--excursion", "a"), 'knows no robot r33, did you mean "r3"?'),
         (
             ("--brought-by", "r4.json"),
             'a file r4.json brought nothing to this grid, did you mean "r',

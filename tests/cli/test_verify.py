@@ -124,6 +124,10 @@ DAMAGE = {
         f'excursion a of robot r2: source number 1, {DATA}/01-r2-a.json: found "garbage", '
         "expected a time",
     ),
+    "a time with something behind it": (
+        "UPDATE source SET fused_at = CAST(fused_at || x'00' AS TEXT) WHERE id = 1",
+        f"excursion a of robot r2: source number 1, {DATA}/01-r2-a.json: found ",
+    ),
     "a file that brought nothing": (
         "INSERT INTO source VALUES (500, 'n', 's', 1, 't', 'v')",
         "source number 500, n: nothing came by it",
@@ -185,6 +189,15 @@ DAMAGE = {
     "a time at which something was forgotten": (
         f"INSERT INTO forgotten VALUES (8, {FORGOTTEN}); UPDATE forgotten SET forgotten_at = 'x'",
         'robot r9 was forgotten: found "x", expected a time',
+    ),
+    "a robot without a name that was forgotten": (
+        f"INSERT INTO forgotten VALUES (8, {FORGOTTEN}); UPDATE forgotten SET robot = ''",
+        'robot  was forgotten: found "", expected a name',
+    ),
+    "an excursion without a sound name that was forgotten": (
+        f"INSERT INTO forgotten VALUES (8, {FORGOTTEN});"
+        "UPDATE forgotten SET excursion = CAST('x' || x'00' AS TEXT)",
+        r'excursion x\x00 of robot r9 was forgotten: found "x\u0000", expected a name',
     ),
     "a view": ("CREATE VIEW spy AS SELECT 1", "the view spy is none of possmap's"),
     "a trigger": (
@@ -253,6 +266,7 @@ CURED = {
     "a tile touched by nobody": 5,
     "a file that brought nothing": 5,
     "something forgotten twice": 5,
+    "a time with something behind it": 3,
     "a layer": 5,
     "an own model": 4,
     "a SHA-256": 3,  # of a file that brought two

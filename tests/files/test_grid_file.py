@@ -199,6 +199,24 @@ def test_a_wall_of_two_thousand_kilometres_is_refused_at_once(tmp_path: Path) ->
     assert log.status == "refused" and "(setting limit_record_cells)" in str(log.error)
 
 
+def test_a_small_log_of_much_work_is_refused_before_any_is_done(tmp_path: Path) -> None:
+    """Wide stamps, each cell of them touched thousands of times; then long lines, many of them."""
+    model = {"along": 0, "across": 0, "max_error": 10000}
+    pose = {"kind": "pose", "heading": 0, "x": 0, "y": 0}
+    wide = [{"seq": 0, **pose, "error_x": 140, "error_y": 140}, {"seq": 1, **pose, "x": 280}]
+    many = [{"seq": 0, **pose, "error_x": 20, "error_y": 20}]
+    many += [{"seq": n, **pose, "x": 200 * (n % 2)} for n in range(1, 200)]
+    thin = [{"seq": n, "kind": "wall", "x": 0, "y": 0, "x2": 2e4, "y2": n} for n in range(1, 1001)]
+    thin = [{"seq": 0, **pose}, *thin, {"seq": 1001, **pose}]
+    every = {"a": wide, "b": many, "c": thin}
+    logs = [bump(name, records=some, model=model) for name, some in every.items()]
+    start = time.process_time()
+    read = possmap.fuse(write_logs(tmp_path / "logs", logs), tmp_path / "site.possmap").logs
+    assert time.process_time() - start < 4
+    ends = [str(log.error).rpartition("(setting ")[2] for log in read]
+    assert ends == ["limit_record_cells)", "limit_file_cells)", "limit_file_cells)"]
+
+
 def test_what_the_correction_takes_off_every_lattice_is_refused(tmp_path: Path) -> None:
     pose = {"kind": "pose", "y": 0, "heading": 0}
     records = [{"seq": 0, "x": -1e6, **pose}, {"seq": 1, "x": 1e6, **pose}]
@@ -213,7 +231,7 @@ def test_what_the_correction_takes_off_every_lattice_is_refused(tmp_path: Path) 
 
 def test_many_records_that_touch_much_are_refused_together(tmp_path: Path) -> None:
     walls = [
-        {"seq": n, "kind": "wall", "x": -1e5, "y": 0.01, "x2": 1e5, "y2": n / 100}
+        {"seq": n, "kind": "wall", "x": -2e4, "y": 0.01, "x2": 2e4, "y2": n / 100}
         for n in range(1, 2001)
     ]
     pose = bump()["records"][0]
@@ -223,7 +241,7 @@ def test_many_records_that_touch_much_are_refused_together(tmp_path: Path) -> No
     start = time.perf_counter()
     large, small = possmap.fuse(paths, grid).logs
     assert time.perf_counter() - start < 5
-    assert str(large.error).startswith(f"{paths[0]}: its records touch up to ")
+    assert str(large.error).startswith(f"{paths[0]}: its records take ")
     assert str(large.error).endswith("expected at most 1e+10 (setting limit_file_cells)")
     assert (large.status, small.status) == ("refused", "fused")
     with possmap.open_grid(grid) as opened:
@@ -232,7 +250,7 @@ def test_many_records_that_touch_much_are_refused_together(tmp_path: Path) -> No
 
 def test_a_ledger_may_hold_more_than_a_log(tmp_path: Path) -> None:
     """Each of its excursions came as a log once, and may hold no more than that."""
-    one, two = bump(), {**bump(), "excursion": "b"}
+    one, two = bump(), {**bump(x=-100.5), "excursion": "b"}  # in different tiles
     both = {**one, "carried": [{key: two[key] for key in two if key != "possmap_log"}]}
     old, new = tmp_path / "old.possmap", tmp_path / "new.possmap"
     possmap.fuse(write_logs(tmp_path / "logs", [one, two]), old)
@@ -242,14 +260,13 @@ def test_a_ledger_may_hold_more_than_a_log(tmp_path: Path) -> None:
         (log,) = possmap.fuse([path], new, {"limit_file_cells": most}, dry_run=True).logs
         return log.error
 
-    found = re.search(r"touch up to (\d+) cells", refusal(whole, 1) or "")
+    found = re.search(r"take (\S+) cells of work", refusal(whole, 10**5) or "")
     assert found
-    in_all = int(found[1])
-    assert refusal(whole, in_all - 1) is not None
-    assert refusal(old, in_all - 1) is None and refusal(old, in_all // 2) is None
-    assert refusal(old, in_all // 2 - 1) == (
-        f"{old}: its records touch up to {in_all // 2} cells, expected at most "
-        f"{in_all // 2 - 1} (setting limit_file_cells)"
+    in_all = int(float(found[1]))
+    assert refusal(whole, int(0.9 * in_all)) is not None
+    assert refusal(old, int(0.9 * in_all)) is None
+    assert str(refusal(old, 1000)).endswith(
+        " cells of work, expected at most 1e+03 (setting limit_file_cells)"
     )
 
 

@@ -17,7 +17,8 @@ MIB = 1 << 20
 class Case:
     """A hostile file.
 
-    reader : of fuzz.readers. name : of the file. make : its bytes, or what writes it.
+    reader : of fuzz.readers, READERS or UNCHANGED. name : of the file.
+    make : its bytes, or what writes it.
     told : how the refusal ends; None if the file is sound, if odd. limit_mib : limit_file_mib.
     """
 

@@ -5,14 +5,17 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Sequence
-from itertools import zip_longest
+from itertools import islice, zip_longest
 from pathlib import Path
 from typing import NamedTuple
 
 from possmap.app.fusing.stages import LaidOut
 from possmap.errors import LogError, plural, printable
-from possmap.files.gridfile.forgotten import SHORT, Forgotten
+from possmap.files.gridfile.forgotten import SHORT, Bans, Forgotten
 from possmap.files.logs import Delivery, LogFile
+
+MOST_NAMED = 20
+"""Of what keeps a log out; more of it would be no line that anybody reads."""
 
 
 class Sifted(NamedTuple):
@@ -32,7 +35,7 @@ class Admission:
     """
 
     def __init__(self, forgotten: Sequence[Forgotten], grid: Path | None) -> None:
-        self._forgotten, self._grid = forgotten, grid
+        self._bans, self._grid = Bans(forgotten) if forgotten else None, grid
 
     def sift(self, log: LogFile, foreseen: Sequence[LaidOut | None]) -> Sifted:
         """Part what may come in from what may not.
@@ -43,29 +46,25 @@ class Admission:
             If nothing may.
         """
         all_of_it = list(zip_longest(log.deliveries, foreseen[: len(log.deliveries)]))
-        if not self._forgotten:
+        if self._bans is None:
             return Sifted(all_of_it, None)
         let_in: list[tuple[Delivery, LaidOut | None]] = []
         barred: dict[Forgotten, set[tuple[str, str]]] = {}
         for delivery, laid_out in all_of_it:
-            bar = self._bar(delivery)
+            bar = self._bans.on(delivery.parcel.name, delivery.origin.sha256)
             if bar is None:
                 let_in.append((delivery, laid_out))
             else:
                 barred.setdefault(bar, set()).add(delivery.parcel.name)
         if not barred:
             return Sifted(all_of_it, None)
-        why = "; ".join(self._why(bar) for bar in barred)
+        why = "; ".join(self._why(bar) for bar in islice(barred, MOST_NAMED))
+        if len(barred) > MOST_NAMED:
+            why += f"; and {len(barred) - MOST_NAMED} more that possmap info lists"
         if not let_in:
             raise LogError(log.origin.name, f"not let in: {why}")
         count = plural(len(set().union(*barred.values())), "excursion")
         return Sifted(let_in, f"{printable(log.origin.name)}: {count} left out: {why}")
-
-    def _bar(self, delivery: Delivery) -> Forgotten | None:
-        for one in self._forgotten:
-            if one.bars(delivery.parcel.name, delivery.origin.sha256):
-                return one
-        return None
 
     def _why(self, bar: Forgotten) -> str:
         grid = word(str(self._grid or "SITE.possmap"))

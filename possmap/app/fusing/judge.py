@@ -2,46 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 
 from possmap.app.fusing.admission import Admission, how_to_forget
+from possmap.app.fusing.known import Growing, Known
 from possmap.app.fusing.stages import LaidOut
 from possmap.core.evidence import Findings, findings
-from possmap.core.model import ErrorModel
-from possmap.core.pyramid import FARTHEST, most_cells, swept_cells
-from possmap.core.records import PartialMap, first_difference
+from possmap.core.lattice import TileKey
+from possmap.core.pyramid import FARTHEST
+from possmap.core.records import PartialMap
+from possmap.core.work import TILE_WORK, most_work, tiles_of, works_of
 from possmap.errors import ConflictError, LogError, printable
 from possmap.files.gridfile.arrivals import Again, Part
 from possmap.files.gridfile.ledger import Ledger
 from possmap.files.logs import Delivery, LogFile, Origin, Parcel
 from possmap.files.settings import Settings
 
+__all__ = ["Judge", "Known", "Verdict"]
 
-@dataclass(frozen=True, slots=True)
-class Known:
-    """What is known of an excursion, in the grid or accepted since.
-
-    parcel : all records known.
-    model : in force.
-    in_grid : how many records the grid holds already.
-    parts : what brought those that it does not hold.
-    places : of each part accepted since, for messages.
-    foreseen : what it says, if that was laid out when it was read.
-    """
-
-    parcel: Parcel
-    model: ErrorModel
-    in_grid: int
-    parts: tuple[Part, ...] = ()
-    places: tuple[str, ...] = ()
-    foreseen: LaidOut | None = None
-
-    @property
-    def version(self) -> PartialMap:
-        """All records known, unpacked."""
-        return self.parcel.version
+HELD = 64
+"""Excursions of which it is kept what files brought them: the next log often holds them, too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +70,7 @@ class Judge:
     def __post_init__(self) -> None:
         self._admission = Admission(self.ledger.forgotten.all() if self.ledger else (), self.grid)
         self._held: dict[tuple[tuple[str, str], str], int] = {}
+        self._held_in_grid = lru_cache(HELD)(self.ledger.came.held if self.ledger else _nothing)
 
     def take(self, log: LogFile, foreseen: Sequence[LaidOut | None] = ()) -> Verdict:
         """Accept a log file whole.
@@ -96,36 +82,37 @@ class Judge:
         ConflictError
             If a version in it disagrees with one known, or with another in the same file.
         LogError
-            If one of its records touches more cells than the limit allows, or all that it holds
-            was forgotten.
+            If one of its records, or all together, are more work than the limits allow, or all that
+            it holds was forgotten.
         """
-        found: dict[tuple[str, str], Known] = {}
+        growing: dict[tuple[str, str], Growing] = {}
         before: dict[tuple[str, str], Known | None] = {}
         arrived: list[tuple[tuple[str, str], Part | Again]] = []
         let_in = self._admission.sift(log, foreseen)
+        longest: dict[tuple[str, str], int] = {}
+        for delivery, _ in let_in.deliveries:
+            name, records = delivery.parcel.name, delivery.parcel.count
+            longest[name] = max(records, longest.get(name, 0))
         for delivery, laid_out in let_in.deliveries:
             name = delivery.parcel.name
-            if name not in before:
-                before[name] = self._known(name)
-            known = found.get(name) or before[name]
-            if known is None:
-                found[name] = self._new(delivery, laid_out)
-            else:
-                found[name] = self._joined(known, delivery)
-            if found[name] is not known:
-                arrived.append((name, found[name].parts[-1]))
+            if name not in growing:
+                known = before[name] = self._known(name, longest[name])
+                if known is None:
+                    known = self._new(delivery, laid_out)
+                    arrived.append((name, known.parts[0]))
+                growing[name] = Growing(known, is_first=before[name] is None)
+            part = self._joined(growing[name], delivery)
+            if part is not None:
+                arrived.append((name, part))
+        found = {name: one.known() for name, one in growing.items()}
         new = {name: known for name, known in found.items() if known is not before[name]}
-        self._check_cells(list(new.values()), at_once=not log.is_ledger)
+        self._check_work(list(new.values()), at_once=not log.is_ledger)
         arrived += self._again((delivery for delivery, _ in let_in.deliveries), arrived)
         self.arrived += arrived
         self._held.update(((name, what.origin.sha256), what.end) for name, what in arrived)
         self.accepted.update(new)
         added = sum(known.parcel.count - _count(before[name]) for name, known in new.items())
-        delivered: dict[tuple[str, str], int] = {}
-        for delivery, _ in let_in.deliveries:
-            name, records = delivery.parcel.name, delivery.parcel.count
-            delivered[name] = max(records, delivered.get(name, 0))
-        return Verdict(added, sum(delivered.values()) - added, bool(new), let_in.note)
+        return Verdict(added, sum(longest.values()) - added, bool(new), let_in.note)
 
     def forget(self) -> None:
         """Forget what was accepted."""
@@ -147,22 +134,44 @@ class Judge:
             if key in noted or (key in found and found[key].end >= again.end):
                 continue
             found[key] = again
-        return [(key[0], again) for key, again in found.items() if again.end > self._seen(*key)]
+        seen = self._seen(found)
+        return [(key[0], again) for key, again in found.items() if again.end > seen.get(key, -1)]
 
-    def _seen(self, name: tuple[str, str], sha256: str) -> int:
-        """Return how many records a file is known to have held, in the grid or accepted since."""
-        found = self._held.get((name, sha256))
-        if found is None and self.ledger is not None:
-            found = self.ledger.came.held(name, sha256)
-        return -1 if found is None else found
+    def _seen(
+        self, keys: Collection[tuple[tuple[str, str], str]]
+    ) -> dict[tuple[tuple[str, str], str], int]:
+        """Return how many records files are known to have held, in the grid or accepted since.
 
-    def _known(self, name: tuple[str, str]) -> Known | None:
+        keys : robot and excursion, and a file's SHA-256; left out is what nobody knows of.
+        """
+        seen = {key: self._held[key] for key in keys if key in self._held}
+        others = {key for key in keys if key not in seen}
+        if self.ledger is None:
+            return seen
+        came = self.ledger.came
+        if not came.has_index and len(others) > HELD:
+            for event in came.events():  # rather than a look at all of it for each
+                key = event.name, event.what.origin.sha256
+                if key in others:
+                    seen[key] = max(event.what.end, seen.get(key, 0))
+            return seen
+        for name, some in groupby(sorted(others), key=itemgetter(0)):
+            in_grid = self._held_in_grid(name)
+            seen.update((key, in_grid[key[1]]) for key in some if key[1] in in_grid)
+        return seen
+
+    def _known(self, name: tuple[str, str], longest: int) -> Known | None:
+        """Return what is known of an excursion.
+
+        longest : of its versions in a log; of a longer one in the grid no more is read.
+        """
         if name in self.accepted:
             return self.accepted[name]
         entry = self.ledger.entry(name) if self.ledger else None
         if entry is None or self.ledger is None:
             return None
-        return Known(Parcel(self.ledger.version(entry)), entry.model, entry.records)
+        version = self.ledger.version(entry, longest)
+        return Known(Parcel(version), entry.model, entry.records)
 
     def _new(self, delivery: Delivery, laid_out: LaidOut | None) -> Known:
         """Return what is known by the first delivery of an excursion."""
@@ -171,29 +180,19 @@ class Judge:
         part = Part(0, parcel.count, delivery.origin, delivery.carrier)
         return Known(parcel, model, 0, (part,), (delivery.place,), laid_out)
 
-    def _joined(self, known: Known, delivery: Delivery) -> Known:
-        """Return what is known with the delivery; ``known`` itself if it brings nothing new."""
-        version = delivery.version
-        difference = first_difference(known.version, version)
+    def _joined(self, growing: Growing, delivery: Delivery) -> Part | None:
+        """Join a delivery to what is known; return what it brings, None if nothing."""
+        difference = growing.difference(delivery.parcel)
         if difference is not None:
-            place, way_in = self._blamed(known, difference.record, delivery.origin)
+            robot, excursion = delivery.parcel.name
+            place, way_in = self._blamed(growing.known(), difference.record, delivery.origin)
             raise ConflictError(
                 delivery.place,
-                f"excursion {version.excursion} of robot {version.robot} disagrees with the "
+                f"excursion {excursion} of robot {robot} disagrees with the "
                 f"version from {place}: {difference.what}; "
                 f"another outing needs another excursion name{way_in}",
             )
-        first = len(known.version.records)
-        if len(version.records) <= first:
-            return known
-        part = Part(first, len(version.records) - first, delivery.origin, delivery.carrier)
-        return replace(
-            known,
-            parcel=Parcel(known.version.continued_by(version)),
-            parts=(*known.parts, part),
-            places=(*known.places, delivery.place),
-            foreseen=None,
-        )
+        return growing.add(delivery)
 
     def _blamed(self, known: Known, record: int | None, mine: Origin) -> tuple[str, str]:
         """Return what brought a record, for a message, and what to do if that is what is false."""
@@ -217,26 +216,36 @@ class Judge:
         command = how_to_forget(self.grid, version.name)
         return f"; if the other version is false, {command} makes room for this one"
 
-    def _check_cells(self, new: Sequence[Known], at_once: bool) -> None:
-        """Refuse what touches more cells than the limits allow, before any is touched.
+    def _check_work(self, new: Sequence[Known], at_once: bool) -> None:
+        """Refuse what is more work than the limits allow, before any is done.
 
         at_once : whether the file as a whole is bounded, or, as each came in one, the excursions.
         """
         if not at_once:
             for one in new:
-                self._check_cells([one], at_once=True)
+                self._check_work([one], at_once=True)
             return
-        limits, resolution = self.settings.limits, self.settings.evidence.resolution
-        most = [most_cells(one.parcel.span, one.parcel.count, one.model, resolution) for one in new]
-        whole = sum(one.parcel.count * cells for one, cells in zip(new, most, strict=True))
-        in_all = limits.limit_file_cells
-        if max(most, default=0) <= limits.limit_record_cells and whole <= in_all:
+        limits, settings = self.settings.limits, self.settings.evidence
+        most = [most_work(one.parcel.span, one.parcel.count, one.model, settings) for one in new]
+        record, in_all = max((one.of_record for one in most), default=0), limits.limit_file_cells
+        whole = sum(one.of_excursion for one in most) + TILE_WORK * sum(
+            len(known.foreseen.rows.touched) if known.foreseen else one.tiles
+            for known, one in zip(new, most, strict=True)
+        )
+        if record <= limits.limit_record_cells and whole <= in_all:
             return
-        exact = sum(self._cells_touched(known) for known in new)
+        exact, tiles = 0.0, set[TileKey]()
+        for known in new:
+            found = findings(known.version, known.model, settings)
+            self._check_places(known, found)
+            exact += self._work(known, found)
+            if exact <= in_all:  # else there may be too many to list
+                tiles |= tiles_of(found, settings)
+        exact += TILE_WORK * len(tiles)
         if exact > in_all:
             raise LogError(
                 new[-1].places[-1].rpartition(":")[0],
-                f"its records touch up to {exact:.3g} cells, expected at most {in_all:.3g} "
+                f"its records take {exact:.3g} cells of work, expected at most {in_all:.3g} "
                 "(setting limit_file_cells)",
             )
 
@@ -253,26 +262,24 @@ class Judge:
                     f"{away:.3g} m from the origin, expected less than {most:.3g}",
                 )
 
-    def _cells_touched(self, known: Known) -> int:
-        """Return an upper bound of the cells that an excursion touches, each record's by itself."""
-        settings, limit = self.settings.evidence, self.settings.limits.limit_record_cells
-        found = findings(known.version, known.model, settings)
-        self._check_places(known, found)
-        cells: dict[int, int] = {}
-        for one in found.evidence:
-            for segment in one.segments:
-                swept = swept_cells(segment, settings.resolution, found.model.max_error)
-                cells[segment.record] = cells.get(segment.record, 0) + swept
-        for number, count in sorted(cells.items()):
-            if count > limit:
+    def _work(self, known: Known, found: Findings) -> float:
+        """Return the work of an excursion, but for its tiles; refuse a record of too much."""
+        works = works_of(found, self.settings.evidence)
+        limit = self.settings.limits.limit_record_cells
+        for number, work in sorted(works.items()):
+            if work.of_record > limit:
                 raise LogError(
                     known.places[-1],
                     f"seq {known.version.records[number].seq} of excursion "
-                    f"{known.version.excursion} of robot {known.version.robot} touches up to "
-                    f"{count:.3g} cells, expected at most {limit:.3g} "
-                    "(setting limit_record_cells)",
+                    f"{known.version.excursion} of robot {known.version.robot} takes "
+                    f"{work.of_record:.3g} cells of work, expected at most "
+                    f"{limit:.3g} (setting limit_record_cells)",
                 )
-        return sum(cells.values())
+        return sum(work.of_file for work in works.values())
+
+
+def _nothing(_: tuple[str, str]) -> dict[str, int]:
+    return {}
 
 
 def _count(known: Known | None) -> int:

@@ -38,16 +38,17 @@ def read_ledger(path: Path, limits: Limits) -> LogFile:
     deliveries: list[Delivery] = []
     with Grid(path) as grid, grid.snapshot():
         origin = Origin(str(path), hashlib.sha256(grid.digest().encode()).hexdigest(), 0)
-        known = {entry.name: (entry, version) for entry, version in _versions(grid, limits)}
+        known = {entry.name: (entry, Parcel(one)) for entry, one in _versions(grid, limits)}
         missing = set(known)
         for _, name, what, *_ in grid.ledger.came.events():
-            entry, version = known[name]
+            entry, whole = known[name]
             fault = _fault_of(what, entry)
             if fault:
                 raise _damaged(path, entry, fault)
             if what.end == entry.records:
                 missing.discard(name)
-            parcel = Parcel(version.prefix(what.end))
+            # Files may be many, and each may have held another beginning: none is copied.
+            parcel = whole.beginning(what.end)
             place = f"{path}: {entry.robot} {entry.excursion}"
             deliveries.append(Delivery(parcel, place, what.origin, what.carrier))
         for name in sorted(missing):

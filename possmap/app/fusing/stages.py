@@ -11,13 +11,13 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from possmap.app.fusing import inputs
-from possmap.core.evidence import Layer, findings
+from possmap.core.evidence import Findings, Layer, findings
 from possmap.core.fusion import TileLayers, blank, fuse_tile
 from possmap.core.lattice import TILE, TileKey
 from possmap.core.model import ErrorModel
 from possmap.core.plan import ExcursionPlan, TileWork, plan_excursion
-from possmap.core.pyramid import most_cells
 from possmap.core.settings import EvidenceSettings
+from possmap.core.work import might_be_lost, most_work, works_of
 from possmap.errors import BudgetError, GridError, LogError, printable
 from possmap.files.budget import Budget
 from possmap.files.gridfile.encoding import EncodedTile, decode, encode
@@ -124,10 +124,20 @@ def _read(name: str, task: ReadTask) -> Read:
 def _foreseen(delivery: Delivery, settings: Settings) -> LaidOut | None:
     """Lay out a robot's own excursion; what was carried home, others will deliver too."""
     parcel, model = delivery.parcel, settings.model_in_force(*delivery.parcel.terms)
-    most = most_cells(parcel.span, parcel.count, model, settings.evidence.resolution)
-    if delivery.carrier is not None or most > settings.limits.limit_record_cells:
+    lost = might_be_lost(parcel.span, parcel.count, model, settings.evidence.resolution)
+    if delivery.carrier is not None or lost:
         return None
-    return _laid_out(LayoutTask(parcel, model, 0, settings.evidence))
+    limits, task = settings.limits, LayoutTask(parcel, model, 0, settings.evidence)
+    most = most_work(parcel.span, parcel.count, model, settings.evidence)
+    found = None
+    if most.of_record > limits.limit_record_cells or most.of_excursion > limits.limit_file_cells:
+        found = findings(parcel.version, model, settings.evidence)
+        works = works_of(found, settings.evidence).values()
+        record = max((one.of_record for one in works), default=0)
+        whole = sum(one.of_file for one in works)
+        if record > limits.limit_record_cells or whole > limits.limit_file_cells:
+            return None  # to be refused, or too much to foresee
+    return _laid_out(task, found)
 
 
 def lay_out(tasks: list[LayoutTask]) -> list[LaidOut]:
@@ -135,9 +145,9 @@ def lay_out(tasks: list[LayoutTask]) -> list[LaidOut]:
     return [_laid_out(task) for task in tasks]
 
 
-def _laid_out(task: LayoutTask) -> LaidOut:
+def _laid_out(task: LayoutTask, found: Findings | None = None) -> LaidOut:
     version = task.parcel.version
-    found = findings(version, task.model, task.settings)
+    found = found or findings(version, task.model, task.settings)
     plan = plan_excursion(found, task.known_records, task.settings)
     rows = excursion_rows(version, task.model, task.known_records, found.geometry, plan.touched())
     return LaidOut(rows, plan)

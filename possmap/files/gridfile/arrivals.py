@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeAlias
 
 from possmap.errors import brief
 from possmap.files.gridfile.checks import check_counts, check_types, whole
-from possmap.files.gridfile.database import Database
+from possmap.files.gridfile.database import Database, Row
 from possmap.files.logs.delivery import Origin
 
 Name: TypeAlias = tuple[str, str]
@@ -80,7 +80,8 @@ class Event(NamedTuple):
 
 
 _OF_FILES = (
-    "carrier_robot, carrier_excursion, source.name, sha256, size, fused_at, version FROM {0}"
+    "carrier_robot, carrier_excursion, source.name, sha256, size, fused_at, version, excursion.id"
+    " FROM {0}"
     " JOIN excursion ON excursion.id = {0}.excursion JOIN source ON source.id = {0}.source"
 )
 _PARTS = (
@@ -92,6 +93,7 @@ _AGAIN = (
     f" 0, count, {_OF_FILES.format('again')}"
 )
 _OF_ONE = " WHERE excursion.robot = ?1 AND excursion.name = ?2"
+_OF_SOME = " WHERE {0}.excursion BETWEEN ?1 AND ?2"
 
 
 class Arrivals:
@@ -114,9 +116,34 @@ class Arrivals:
     def _events(self, name: Name | None, tables: Sequence[str]) -> Iterator[Event]:
         where = "" if name is None else _OF_ONE
         sql = " UNION ALL ".join(table + where for table in tables) + " ORDER BY came, place"
-        for row in self._database.all(sql, name or ()):
+        return self.parsed(self._database.all(sql, name or ()))
+
+    def delivered(self, first: int, last: int) -> dict[object, list[Row]]:
+        """Return what came of the excursions with ids from first to last: rows for ``parsed``.
+
+        Of many it costs hardly more than of one: a file of format 1 has no index for it.
+        """
+        tables = (
+            {"part": _PARTS, "again": _AGAIN} if self._database.format > 1 else {"part": _PARTS}
+        )
+        some = [table + _OF_SOME.format(name) for name, table in tables.items()]
+        sql = " UNION ALL ".join(some) + " ORDER BY came, place"
+        found: dict[object, list[Row]] = {}
+        for row in self._database.all(sql, (first, last)):
+            found.setdefault(row[-1], []).append(row)
+        return found
+
+    def parsed(self, rows: Iterable[Row]) -> Iterator[Event]:
+        """Yield the events of which rows of this file tell.
+
+        Raises
+        ------
+        GridError
+            If one of them cannot have been written so.
+        """
+        for row in rows:
             is_again, source, _, robot, excursion, first, count, *rest = row
-            by_robot, by_excursion, file, sha256, size, fused_at, version = rest
+            by_robot, by_excursion, file, sha256, size, fused_at, version, _ = rest
             carrier = None if by_robot is None else (by_robot, by_excursion)
             whose = f"excursion {brief(str(excursion))} of robot {brief(str(robot))}"
             with self._database.sound(f"the arrivals of {whose}"):
@@ -133,10 +160,18 @@ class Arrivals:
                 )
             yield Event(source, (robot, excursion), what, fused_at, version)
 
-    def held(self, name: Name, sha256: str) -> int | None:
-        """Return how many records of an excursion a file of these bytes is known to have held."""
-        ends = [event.what.end for event in self.events(name) if event.what.origin.sha256 == sha256]
-        return max(ends, default=None)
+    @property
+    def has_index(self) -> bool:
+        """Whether what came of one excursion is found without a look at all that came."""
+        return self._database.format > 1
+
+    def held(self, name: Name) -> dict[str, int]:
+        """Return how many records of an excursion files are known to have held, by SHA-256."""
+        found: dict[str, int] = {}
+        for event in self.events(name):
+            sha256 = event.what.origin.sha256
+            found[sha256] = max(event.what.end, found.get(sha256, 0))
+        return found
 
     def sources(self) -> Iterator[tuple[str, str, str]]:
         """Yield name, SHA-256 and time of all files that anything came by, the first ones first."""
@@ -219,23 +254,24 @@ def replayed(events: Iterable[Event]) -> list[Event]:
     Each file held the records from the first on, so what one brought later proves what it held
     before: the first to hold a record is now what brought it.
     """
-    found: list[Event] = []
+    found: dict[int, Event] = {}  # by a number that grows: the order in which they were noted
+    again: dict[int, int] = {}  # by source, the number of what came once more by it
+    longest: dict[int, int] = {}  # by source, how many records it is noted to have held
     known: int | None = None
-    for event in events:
-        what, number = event.what, event.source
+    for number, event in enumerate(events):
+        what, source = event.what, event.source
         if known is None or what.end > known:
             first = known or 0
-            part = Part(first, what.end - first, what.origin, what.carrier)
-            found = [one for one in found if not _is_again(one, number)]
-            found.append(event._replace(what=part))
+            noted: Part | Again = Part(first, what.end - first, what.origin, what.carrier)
             known = what.end
+        elif what.end > longest.get(source, -1):
+            noted = Again(what.end, what.origin, what.carrier)
+        else:
             continue
-        before = [one for one in found if one.source == number]
-        if all(one.what.end < what.end for one in before):
-            found = [one for one in found if not _is_again(one, number)]
-            found.append(event._replace(what=Again(what.end, what.origin, what.carrier)))
-    return found
-
-
-def _is_again(event: Event, source: int) -> bool:
-    return event.source == source and isinstance(event.what, Again)
+        if source in again:
+            del found[again.pop(source)]
+        if isinstance(noted, Again):
+            again[source] = number
+        found[number] = event._replace(what=noted)
+        longest[source] = what.end
+    return list(found.values())

@@ -25,6 +25,7 @@ MOST_STRAYS = 20
 """Rows without a place that are named of each kind; more of them say nothing new."""
 
 _SHA256 = re.compile("[0-9a-f]{64}")
+_TIME = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2}\+00:00")
 
 
 class Claims:
@@ -115,6 +116,9 @@ _JSON_TYPES: dict[str, tuple[type, ...]] = {
 
 def forgotten_faults(one: Forgotten) -> Iterator[str]:
     """Yield what cannot be true of something forgotten, each behind its title."""
+    for name in (one.robot, one.excursion):
+        if name is not None and not NAME.fullmatch(name):
+            yield f"{one.title} was forgotten: found {shown(name)}, expected a name"
     if one.sha256 is not None and not _SHA256.fullmatch(one.sha256):
         yield f"{one.title} was forgotten: found {shown(one.sha256)}, expected a SHA-256"
     if not _is_utc(one.forgotten_at):
@@ -139,6 +143,9 @@ def origin_faults(event: Event) -> Iterator[str]:
 
 
 def _is_utc(text: str) -> bool:
+    """Whether it is a time as possmap writes it; Python's own reader looks past a NUL."""
+    if not _TIME.fullmatch(text):
+        return False
     try:
         return datetime.fromisoformat(text).utcoffset() == timedelta(0)
     except ValueError:

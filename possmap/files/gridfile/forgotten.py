@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from possmap.errors import brief
@@ -51,6 +52,34 @@ class Forgotten:
         if self.excursion is None:
             return f"robot {brief(self.robot)}"
         return f"excursion {brief(self.excursion)} of robot {brief(self.robot)}"
+
+
+class Bans:
+    """Looks up what keeps something out, however much was forgotten.
+
+    forgotten : in order; of several that would do, the first is found.
+    """
+
+    def __init__(self, forgotten: Sequence[Forgotten]) -> None:
+        self._forgotten = forgotten
+        self._robots: dict[tuple[str, str | None], int] = {}
+        self._files: dict[str, int] = {}
+        for place, one in enumerate(forgotten):
+            if one.robot is not None:
+                self._robots.setdefault((one.robot, one.excursion), place)
+            elif one.sha256 is not None:
+                self._files.setdefault(one.sha256, place)
+
+    def on(self, name: tuple[str, str], sha256: str) -> Forgotten | None:
+        """Return what keeps out what a file of that hash says of that robot and excursion."""
+        robot, excursion = name
+        found = (
+            self._robots.get((robot, None)),
+            self._robots.get((robot, excursion)),
+            self._files.get(sha256),
+        )
+        first = min((place for place in found if place is not None), default=None)
+        return None if first is None else self._forgotten[first]
 
 
 _COLUMNS = "robot, excursion, source, sha256, excursions, records, forgotten_at, version"

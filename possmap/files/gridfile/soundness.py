@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator, Sequence
+from functools import cached_property
+from itertools import groupby
+from operator import itemgetter
 
 import numpy as np
 
@@ -11,11 +14,15 @@ from possmap.core.evidence import Layer
 from possmap.core.lattice import TILE, TileKey
 from possmap.core.plan import Touched
 from possmap.errors import GridError, brief, printable
+from possmap.files.gridfile.arrivals import Part
+from possmap.files.gridfile.bounds import CELLS, LARGEST
 from possmap.files.gridfile.checks import bounds_in_tile, tile_key, tile_place
 from possmap.files.gridfile.claims import Claims, origin_faults
 from possmap.files.gridfile.database import Database
+from possmap.files.gridfile.deliveries import Deliveries
 from possmap.files.gridfile.directory import Directory
 from possmap.files.gridfile.encoding import decode, encode
+from possmap.files.gridfile.forgotten import Bans
 from possmap.files.gridfile.ledger import Entry, Ledger
 from possmap.files.gridfile.rows import excursion_hash
 from possmap.files.logs.delivery import path_text
@@ -32,7 +39,9 @@ _ANY_NESTING = 10_000
 
 
 class Soundness:
-    """Looks at one grid file, and yields each fault as one line.
+    """Looks at one state of a grid file, and yields each fault as one line.
+
+    Some of it is read once for all excursions: ask for another one when the file has changed.
 
     Attributes
     ----------
@@ -43,16 +52,23 @@ class Soundness:
     def __init__(self, database: Database) -> None:
         self._database = database
         self._directory, self._ledger = Directory(database), Ledger(database)
+        self._deliveries = Deliveries(database, self._ledger.came)
         self.claims = Claims(database)
 
     def structure(self) -> Iterator[str]:
         """Yield what SQLite finds wrong with the file as a database.
 
-        What tables it has is looked at whenever it is opened.
+        What tables it has is looked at whenever it is opened. After a fault nothing should be read
+        on: a table whose pages are counted twice may seem to have any number of rows.
         """
-        for (line,) in self._database.all(f"PRAGMA integrity_check({MOST_FROM_SQLITE})"):
+        for (line,) in self._database.all(
+            f"PRAGMA integrity_check({MOST_FROM_SQLITE})", longest=LARGEST
+        ):
             if line != "ok":
                 yield f"SQLite: {printable(str(line))[:200]}"
+
+    def orphans(self) -> Iterator[str]:
+        """Yield rows that belong to others that are not there."""
         strays = self._database.all("PRAGMA foreign_key_check")
         for table, row, other, _ in strays[:MOST_FROM_SQLITE]:
             yield f"row {row} of table {table} belongs to a row of {other} that is not there"
@@ -62,9 +78,11 @@ class Soundness:
         for row in self._directory.rows():
             for layer, column, *bounds, digest, data in self._database.all(
                 'SELECT layer, "column", row0, row1, column0, column1, hash, CAST(data AS BLOB)'
-                " FROM tile LEFT JOIN cells ON cells.tile = tile.id WHERE row = ?"
+                " FROM tile LEFT JOIN cells ON cells.tile = tile.id"
+                " WHERE layer IN (0, 1, 2) AND row = ?"  # others are strays, and would need a scan
                 ' ORDER BY layer, "column"',
                 (row,),
+                CELLS,
             ):
                 with self._database.sound(f"the place of a tile in row {row}"):
                     key = tile_key(row, column)
@@ -99,11 +117,12 @@ class Soundness:
 
     def _arrivals(self, entry: Entry) -> Iterator[str]:
         """Yield what is wrong with what is said to have brought an excursion."""
+        events = list(self._deliveries.events(entry))
         expected = 0
-        for arrival in self._ledger.arrivals(entry.name):
-            if arrival.part.first != expected:
+        for part in (event.what for event in events if isinstance(event.what, Part)):
+            if part.first != expected:
                 break
-            expected += arrival.part.count
+            expected += part.count
         else:
             if expected == entry.records:
                 expected = -1
@@ -113,14 +132,17 @@ class Soundness:
                 if expected < entry.records
                 else "more is said to have come than its records"
             )
-        forgotten = self._ledger.forgotten.all()
-        for event in self._ledger.came.events(entry.name):
+        for event in events:
             if event.what.end > entry.records:
                 yield f"{brief(event.what.origin.name)} is said to have held more records"
             yield from origin_faults(event)
-            for one in forgotten:
-                if one.bars(entry.name, event.what.origin.sha256):
-                    yield f"{one.title} was forgotten, and is here"
+            ban = self._bans.on(entry.name, event.what.origin.sha256)
+            if ban is not None:
+                yield f"{ban.title} was forgotten, and is here"
+
+    @cached_property
+    def _bans(self) -> Bans:
+        return Bans(self._ledger.forgotten.all())
 
     def keys_by_row(self) -> Iterator[list[TileKey]]:
         """Yield the tiles that hold anything, or that a record touches, sorted, row by row."""
@@ -154,11 +176,22 @@ class Soundness:
 
         touched : sorted. No more rows are read than decide it: a forged list may have any length.
         """
-        sql = (
-            "SELECT tile_row, tile_column, number FROM touched WHERE excursion = ?"
-            " ORDER BY tile_row, tile_column, number LIMIT ?"
+        # The table begins with the tile: to ask for all tiles of an excursion would scan it.
+        if self._touches.get(entry.identity, 0) != len(touched):
+            return False
+        return all(
+            self._ledger.numbers_in(TileKey(*place), entry) == {number for *_, number in of_tile}
+            for place, of_tile in groupby(touched, key=itemgetter(0, 1))
         )
-        return self._database.all(sql, (entry.identity, len(touched) + 1)) == touched
+
+    @cached_property
+    def _touches(self) -> dict[int, int]:
+        """How many tiles each excursion's records touch, each record's counted by itself."""
+        sql = (
+            "SELECT excursion, count(*) FROM touched WHERE excursion IN (SELECT id FROM excursion)"
+            " GROUP BY excursion"
+        )
+        return dict(self._database.all(sql))
 
 
 def title(entry: Entry) -> str:

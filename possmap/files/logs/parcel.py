@@ -30,11 +30,27 @@ class Parcel:
         Diagonal of the smallest box that holds every place logged [m].
     """
 
+    _whole: Parcel | None = None
+
     def __init__(self, version: PartialMap) -> None:
         self.name = version.name
         self.own_model: OwnModel = version.model
         self.count = len(version.records)
         self.__dict__["version"] = version  # where the cached property looks first
+
+    def beginning(self, count: int) -> Parcel:
+        """Return the version that ends after ``count`` records, which are shared, not copied."""
+        if count >= self.count:
+            return self
+        found = Parcel.__new__(Parcel)
+        found.name, found.own_model, found.count = self.name, self.own_model, count
+        found._whole = self.whole
+        return found
+
+    @property
+    def whole(self) -> Parcel:
+        """What it is the beginning of; itself, if it was not made so."""
+        return self if self._whole is None else self._whole
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Parcel) and self.version == other.version
@@ -53,6 +69,8 @@ class Parcel:
     @cached_property
     def version(self) -> PartialMap:
         """The records and all."""
+        if self._whole is not None:
+            return self._whole.version.prefix(self.count)
         extra, records = pickle.loads(self._packed)
         made = tuple(KINDS[kind](*values) for kind, *values in records)
         return PartialMap(*self.name, self.own_model, made, extra)
@@ -69,13 +87,10 @@ class Parcel:
         return _span(self.version)
 
     def __getstate__(self) -> dict[str, object]:
-        return {
-            "name": self.name,
-            "own_model": self.own_model,
-            "count": self.count,
-            "span": self.span,
-            "_packed": self._packed,
-        }
+        label = {"name": self.name, "own_model": self.own_model, "count": self.count}
+        if self._whole is not None:  # sent once with all its beginnings, as pickle does
+            return {**label, "_whole": self._whole}
+        return {**label, "span": self.span, "_packed": self._packed}
 
 
 def _span(version: PartialMap) -> float:
