@@ -16,6 +16,7 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
+from processes import cpu_seconds, hear_ctrl_c, workers
 from teams import digest
 
 from possmap.cli.main import main
@@ -92,19 +93,15 @@ class Running:
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
+            preexec_fn=hear_ctrl_c,
         )
 
-    def children(self) -> list[int]:
-        """Return the processes of ``--jobs``, which are in its session."""
-        found = (int(path.name) for path in Path("/proc").iterdir() if path.name.isdigit())
-        return [pid for pid in found if _session(pid) == self.process.pid and _is_worker(pid)]
-
-    def wait_until_at_work(self) -> list[int]:
+    def wait_until_at_work(self) -> set[int]:
         """Wait until two processes have worked for a moment, and return them."""
         until = time.monotonic() + 30
         while self.process.poll() is None and time.monotonic() < until:
-            children = self.children()
-            if len(children) == 2 and all(_cpu_seconds(pid) > 0.4 for pid in children):
+            children = workers(self.process.pid)
+            if len(children) == 2 and all(cpu_seconds(pid) > 0.4 for pid in children):
                 return children
             time.sleep(0.01)
         raise AssertionError("the processes do not begin to work")
@@ -113,31 +110,6 @@ class Running:
         """Return exit code and stderr; fail if it hangs."""
         _, told = self.process.communicate(timeout=30)
         return self.process.returncode, told
-
-
-def _is_worker(pid: int) -> bool:
-    try:
-        return "spawn_main" in Path(f"/proc/{pid}/cmdline").read_text()
-    except OSError:
-        return False
-
-
-def _status(pid: int) -> list[str]:
-    """Return what /proc says of a process, from its state on."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    except OSError:
-        return []
-
-
-def _session(pid: int) -> int:
-    status = _status(pid)
-    return int(status[3]) if status else -1
-
-
-def _cpu_seconds(pid: int) -> float:
-    status = _status(pid)
-    return (int(status[11]) + int(status[12])) / os.sysconf("SC_CLK_TCK") if status else 0.0
 
 
 @pytest.fixture(scope="module")
@@ -150,7 +122,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 
 
 @contextmanager
-def at_work(logs: Path, grid: Path) -> Iterator[tuple[Running, list[int]]]:
+def at_work(logs: Path, grid: Path) -> Iterator[tuple[Running, set[int]]]:
     """Run ``fuse`` on logs, and go on when its processes are at work."""
     running = Running(grid, logs)
     try:
@@ -205,7 +177,7 @@ def test_what_the_whole_group_is_told_ends_the_run_once(
     with at_work(logs, grid) as (running, _):
         os.killpg(running.process.pid, number)
         assert running.end() == (code, told)
-        assert running.children() == []
+        assert workers(running.process.pid) == set()
     assert run("fuse", logs, "-g", grid).exit_code == 0
     assert digest(grid) == whole
 

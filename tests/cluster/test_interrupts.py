@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from literal.teams import random_excursion
+from processes import hear_ctrl_c, members, workers
 from teams import digest, write_logs
 
 pytest.importorskip("distributed")
@@ -26,24 +27,6 @@ STOPPED = (
 )
 
 
-def _members(group: int) -> dict[int, str]:
-    """Return the live processes of a group, with their commands."""
-    found = {}
-    for path in Path("/proc").glob("[0-9]*"):
-        try:
-            state, _, its_group = (path / "stat").read_text().rpartition(")")[2].split()[:3]
-            command = (path / "cmdline").read_bytes().replace(b"\0", b" ").decode()
-        except OSError:  # it has ended
-            continue
-        if int(its_group) == group and state != "Z":
-            found[int(path.name)] = command
-    return found
-
-
-def _workers(group: int) -> set[int]:
-    return {pid for pid, command in _members(group).items() if "spawn_main" in command}
-
-
 def _await(condition: Callable[[], object], process: subprocess.Popen[str]) -> None:
     end = time.monotonic() + PATIENCE
     while not condition():
@@ -53,11 +36,11 @@ def _await(condition: Callable[[], object], process: subprocess.Popen[str]) -> N
 
 
 def _first_worker(process: subprocess.Popen[str], grid: Path) -> None:
-    _await(lambda: _workers(process.pid), process)
+    _await(lambda: workers(process.pid), process)
 
 
 def _both_workers_a_little_later(process: subprocess.Popen[str], grid: Path) -> None:
-    _await(lambda: len(_workers(process.pid)) == 2, process)
+    _await(lambda: len(workers(process.pid)) == 2, process)
     time.sleep(0.5)  # they import what they need
 
 
@@ -67,9 +50,9 @@ def _work(process: subprocess.Popen[str], grid: Path) -> None:
 
 def _a_worker_is_replaced(process: subprocess.Popen[str], grid: Path) -> None:
     _work(process, grid)
-    before = _workers(process.pid)
+    before = workers(process.pid)
     os.kill(min(before), signal.SIGKILL)
-    _await(lambda: _workers(process.pid) - before, process)
+    _await(lambda: workers(process.pid) - before, process)
     time.sleep(0.1)
 
 
@@ -92,6 +75,7 @@ def test_an_interrupted_local_cluster_ends_with_one_line_and_leaves_no_process(
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        preexec_fn=hear_ctrl_c,
     )
     try:
         moment(process, grid)
@@ -101,9 +85,9 @@ def test_an_interrupted_local_cluster_ends_with_one_line_and_leaves_no_process(
         process.kill()
     assert (process.returncode, out, err) == (1, "", STOPPED)
     end = time.monotonic() + PATIENCE
-    while _members(process.pid) and time.monotonic() < end:
+    while members(process.pid) and time.monotonic() < end:
         time.sleep(0.05)  # Python's keeper of semaphores ends once it sees that it is alone
-    assert _members(process.pid) == {}
+    assert members(process.pid) == {}
     whole = tmp_path / "whole.possmap"
     for one in (grid, whole):
         subprocess.run([*command, str(one)], check=True, capture_output=True)

@@ -10,6 +10,7 @@ of the processor and not of the clock, is bounded too: rows may be long, and sor
 from __future__ import annotations
 
 import sqlite3
+from itertools import islice
 from marshal import dumps
 from random import randrange
 from time import thread_time
@@ -66,10 +67,6 @@ class Bounds:
         self._at_first = self._held = held
         self._pages_at_first: int | None = None
         self._longest = 0
-        self._looks = self._looks_left = 0
-        self._seconds = self._seconds_more = 0.0
-        self._since: float | None = None
-        connection.set_progress_handler(self._look, _LOOK_EVERY)
         self._allow(0)
 
     @property
@@ -86,20 +83,15 @@ class Bounds:
 
         longest : the largest value that it may read or write [bytes]; rows : how many it writes.
         """
-        self._looks_left = self._looks + rows * _STEPS_PER_ROW // _LOOK_EVERY
-        self._seconds_more = rows * _SECONDS_PER_ROW
-        self._since = None  # a short statement does not look at the time at all
+        looks = self._looks + rows * _STEPS_PER_ROW // _LOOK_EVERY
+        until = thread_time() + self._seconds + rows * _SECONDS_PER_ROW
+        # Whether it is late, so many times, and then the end: nothing of this is written in Python,
+        # where a signal's handler might run, and SQLite would swallow what that raises.
+        is_late = map(until.__lt__, islice(iter(thread_time, None), looks))
+        self._connection.set_progress_handler(is_late.__next__, _LOOK_EVERY)
         if longest != self._longest:
             self._longest = longest
             self._connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, longest)
-
-    def _look(self) -> bool:
-        self._looks_left -= 1
-        now = thread_time()
-        if self._since is None:
-            self._since = now
-        late = now - self._since > self._seconds + self._seconds_more
-        return late or self._looks_left < 0
 
     def _allow(self, grown: int) -> None:
         self._held = self._at_first + grown
