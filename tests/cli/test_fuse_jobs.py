@@ -101,7 +101,7 @@ class Running:
         until = time.monotonic() + 30
         while self.process.poll() is None and time.monotonic() < until:
             children = workers(self.process.pid)
-            if len(children) == 2 and all(cpu_seconds(pid) > 0.4 for pid in children):
+            if len(children) == 2 and all(cpu_seconds(pid) > 0.35 for pid in children):
                 return children
             time.sleep(0.01)
         raise AssertionError("the processes do not begin to work")
@@ -116,7 +116,7 @@ class Running:
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """Return logs, and the digest of what one process makes of them."""
     folder = tmp_path_factory.mktemp("undisturbed")
-    some(folder / "logs", 60, 2000)
+    some(folder / "logs", 90, 2000)
     assert run("fuse", folder / "logs", "-g", folder / "site.possmap").exit_code == 0
     return folder / "logs", digest(folder / "site.possmap")
 
