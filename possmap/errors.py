@@ -45,6 +45,10 @@ class GridError(PossmapError):
     """A grid file that is not one, is damaged, newer than this program, or in use."""
 
 
+class TileError(GridError):
+    """A stored tile that is damaged, said by who does not know of which grid it is."""
+
+
 class BudgetError(PossmapError):
     """Something that does not fit into the memory allowed (``--memory``)."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import sqlite3
@@ -13,6 +14,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 from possmap.cli.main import main
+from possmap.errors import GridError
+from possmap.files.gridfile import database
+from possmap.files.gridfile.grid import Grid
 
 DATA = Path(__file__).parents[2] / "data" / "json"
 MAGIC = bytes.fromhex("d9d505f920a163d7")
@@ -167,3 +171,15 @@ def test_an_empty_grid_is_told_in_the_same_words_whatever_lies_beside_it(grid: P
     Path("site.possmap-journal").write_bytes(bytes(SECTOR))
     beside = run("info", "site.possmap")
     assert (beside.stderr, beside.exit_code) == (alone.stderr, 1)
+
+
+@pytest.mark.parametrize("function", ["is_in_wal_mode", "bytes_held"])
+def test_a_disk_that_fails_at_the_first_look_is_told(
+    sound: Path, monkeypatch: pytest.MonkeyPatch, function: str
+) -> None:
+    def fail(_: Path) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(database, function, fail)
+    with pytest.raises(GridError, match="cannot be read: Input/output error"):
+        Grid(sound)

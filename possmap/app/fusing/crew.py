@@ -23,7 +23,7 @@ from possmap.app.fusing.stages import (
 from possmap.app.fusing.workers import Spread, gathered, here, workers
 from possmap.core.plan import ExcursionPlan, by_tile
 from possmap.core.settings import EvidenceSettings
-from possmap.errors import GridError
+from possmap.errors import TileError
 from possmap.files.budget import Budget
 from possmap.files.gridfile.rows import ExcursionRows
 from possmap.files.gridfile.tiles import TileStore
@@ -160,5 +160,5 @@ class _LocalBatch:
     def _stamped(self, tasks: Iterable[TileTask]) -> Iterator[TileResult]:
         try:
             yield from self._spread(stamp_tile, tasks, _task_bytes)
-        except GridError as error:
+        except TileError as error:
             raise self._tiles.damaged(str(error)) from error

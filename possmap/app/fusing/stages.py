@@ -18,7 +18,7 @@ from possmap.core.model import ErrorModel
 from possmap.core.plan import ExcursionPlan, TileWork, plan_excursion
 from possmap.core.settings import EvidenceSettings
 from possmap.core.work import might_be_lost, most_work, works_of
-from possmap.errors import BudgetError, GridError, LogError, printable
+from possmap.errors import BudgetError, GridError, LogError, TileError, printable
 from possmap.files.budget import Budget
 from possmap.files.gridfile.encoding import EncodedTile, decode, encode
 from possmap.files.gridfile.rows import ExcursionRows, excursion_rows
@@ -158,7 +158,7 @@ def stamp_tile(task: TileTask) -> TileResult:
 
     Raises
     ------
-    GridError
+    TileError
         If the stored tile is damaged.
     """
     key = task.work.key
@@ -171,8 +171,8 @@ def unpacked(key: TileKey, stored: Mapping[Layer, EncodedTile]) -> TileLayers:
 
     Raises
     ------
-    GridError
-        If it is damaged; the message does not know which grid's it is.
+    TileError
+        If it is damaged.
     """
     found: TileLayers = {}
     for layer, (bounds, _, data) in stored.items():
@@ -184,6 +184,6 @@ def unpacked(key: TileKey, stored: Mapping[Layer, EncodedTile]) -> TileLayers:
                 raise ValueError("bounds outside the tile")
             cells = decode(layer, bounds, data)
         except (ValueError, TypeError, zlib.error) as error:
-            raise GridError(f"tile {key.row}, {key.column}: {error}") from error
+            raise TileError(f"tile {key.row}, {key.column}: {error}") from error
         whole[bounds.row0 : bounds.row1, bounds.column0 : bounds.column1] = cells
     return found

@@ -73,7 +73,11 @@ class Database:
         path = self.path = path.resolve()  # of a link, the file whose journal counts
         # A journal that an interrupted writer left must be rolled back, which needs write access.
         mode = "rwc" if write else "rw" if journal_of(path).exists() else "ro"
-        self._is_wal = exists and is_in_wal_mode(path)
+        try:
+            self._is_wal = exists and is_in_wal_mode(path)
+            held = bytes_held(path)
+        except OSError as error:
+            raise GridError(f"{self.name}: cannot be read: {error.strerror or error}") from error
         self._refused: GridError | None = None
         with self._explained():
             self._connection = sqlite3.connect(
@@ -82,7 +86,7 @@ class Database:
                 timeout=0,  # it is _patiently that waits
                 isolation_level=None,
             )
-            self._bounds = Bounds(self._connection, bytes_held(path))
+            self._bounds = Bounds(self._connection, held)
         self.execute("PRAGMA trusted_schema = OFF")
         self.execute("PRAGMA cell_size_check = ON")
         self.execute(f"PRAGMA cache_size = -{cache_kib}")

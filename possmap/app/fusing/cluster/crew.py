@@ -23,7 +23,7 @@ from possmap.app.fusing.judge import Known
 from possmap.app.fusing.stages import Elsewhere, LaidOut, Read, ReadTask, TileResult, read_logs
 from possmap.core.lattice import TileKey
 from possmap.core.settings import EvidenceSettings
-from possmap.errors import GridError, plural, printable
+from possmap.errors import TileError, plural, printable
 from possmap.files.gridfile.rows import ExcursionRows
 from possmap.files.gridfile.tiles import TileStore
 
@@ -146,7 +146,7 @@ class _ClusterBatch:
         while self._sent:
             try:
                 packed = self._team.result(self._sent.popleft())
-            except GridError as error:
+            except TileError as error:
                 raise self._tiles.damaged(str(error)) from error
             self._send()
             results: list[TileResult] = tasks.unpack(packed)

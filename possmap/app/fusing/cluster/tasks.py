@@ -224,7 +224,7 @@ def finish(task: bytes, partial: Partial) -> bytes:
 
     Raises
     ------
-    GridError
+    TileError
         If a stored tile is damaged.
     """
     stored: Mapping[TileKey, Mapping[Layer, EncodedTile]] = unpack(task)
