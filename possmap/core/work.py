@@ -154,7 +154,7 @@ def _stamped(steps: float, across_x: float, across_y: float, rows: float, column
     """Return the work of stamps of so many rows and columns each, from the first to the last."""
     high, wide = rows / TILE + 2, columns / TILE + 2
     return Work(
-        rows * columns + across_x * rows + across_y * columns,
+        min(rows * columns + across_x * rows + across_y * columns, (steps + 1) * rows * columns),
         (steps + 1) * (rows + MARGIN) * (columns + MARGIN),
         high * wide + across_x / TILE * high + across_y / TILE * wide,
     )

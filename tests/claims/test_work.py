@@ -85,6 +85,11 @@ def test_of_a_small_record_the_cells_that_it_touches_are_what_counts(
     assert np.count_nonzero(touched) <= foretold.cells
 
 
+def test_what_is_sure_counts_a_cell_a_stamp() -> None:
+    diagonal = segment((0, 0, 30, 30), (0, 0, 0, 0))
+    assert segment_work(diagonal, 0, 0.05, 1.0).of_record == 601
+
+
 def excursion(*records: Record) -> PartialMap:
     return PartialMap("r", "a", (), records)
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gzip
 import json
+import os
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -211,6 +213,17 @@ def test_an_empty_folder_is_refused(tmp_path: Path, grid: Path) -> None:
     expected = "the folder holds no logs, expected files of .json, .jsonl, .ndjson, .csv"
     assert result.stderr == f"possmap: {folder}: {expected}\n"
     assert result.exit_code == 1 and not grid.exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names are text")
+def test_a_log_whose_name_is_no_text_is_kept_with_its_bytes_spelt_out(
+    tmp_path: Path, grid: Path
+) -> None:
+    odd = write(tmp_path / os.fsdecode(b"bad\xff.json"), log())
+    assert run("fuse", odd, "-g", grid).exit_code == 0
+    told = run("info", grid).stdout
+    assert r"bad\udcff.json" in told
+    assert run("verify", grid).exit_code == 0
 
 
 def test_another_grid_as_log_gives_its_evidence(tmp_path: Path, grid: Path) -> None:

@@ -183,3 +183,25 @@ def test_a_disk_that_fails_at_the_first_look_is_told(
     monkeypatch.setattr(database, function, fail)
     with pytest.raises(GridError, match="cannot be read: Input/output error"):
         Grid(sound)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "told"),
+    [("-wal", None), ("-journal", "-journal: cannot be read: Permission denied")],
+)
+def test_what_lies_beside_a_grid_and_may_not_be_read_is_left_alone_or_named(
+    grid: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, told: str | None
+) -> None:
+    beside = grid.with_name(grid.name + suffix)
+    beside.touch()
+    opened = Path.open
+
+    def forbidden(path: Path, *how: str) -> object:
+        if path.name == beside.name:
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+        return opened(path, *how)
+
+    monkeypatch.setattr(Path, "open", forbidden)
+    result = run("info", str(grid))
+    assert result.exit_code == (0 if told is None else 1)
+    assert told is None or told in result.stderr

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from threading import Thread
 
 import pytest
 from fusing import tasks
@@ -106,6 +107,17 @@ def test_a_process_that_dies_ends_the_work_in_one_line() -> None:
         results = spread(tasks.die_at_2, range(30), weightless)
         with pytest.raises(WorkerError, match="a process of --jobs ended early"):
             list(results)
+
+
+def test_threads_that_cannot_start_are_told_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    with workers(2, MUCH) as spread:
+        monkeypatch.setattr(Thread, "start", fail)
+        with pytest.raises(WorkerError, match="no room for more threads"):
+            list(spread(tasks.square, [1], weightless))
+        monkeypatch.undo()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no groups of processes")

@@ -165,7 +165,13 @@ class _Pool:
 
     def begin(self, function: Callable[[Task], Any], task: Task) -> Future[bytes]:
         """Let the next process that is idle do a task."""
-        return self._threads.submit(self._ask, function, task)
+        try:
+            return self._threads.submit(self._ask, function, task)
+        except RuntimeError as error:  # the standard library's word for "no more threads"
+            raise WorkerError(
+                "processes of --jobs cannot be asked: there is no room for more threads; the grid "
+                "holds whole logs only, and the same command completes the job where there is"
+            ) from error
 
     def _ask(self, function: Callable[[Task], Any], task: Task) -> bytes:
         """Return a packed answer, which takes a part of the room of what is in it."""

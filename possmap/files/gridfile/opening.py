@@ -50,14 +50,14 @@ def check_sidecars(path: Path) -> None:
             continue
         if not stat.S_ISREG(mode):
             raise GridError(f"{name}: not a regular file, as what SQLite leaves beside a grid is")
-        if suffix == "-journal" and _names_another_file(beside):
+        if suffix == "-journal" and _names_another_file(beside, name):
             raise GridError(
                 f"{name}: names another file, which SQLite would delete; possmap never writes"
                 " such a journal"
             )
 
 
-def _names_another_file(journal: Path) -> bool:
+def _names_another_file(journal: Path, name: str) -> bool:
     """Whether a journal ends as one with a name does; its checksum is not asked for."""
     try:
         with journal.open("rb") as stream:
@@ -68,6 +68,8 @@ def _names_another_file(journal: Path) -> bool:
             tail = stream.read(_TAIL)
     except FileNotFoundError:  # its writer has just committed
         return False
+    except OSError as error:
+        raise GridError(f"{name}: cannot be read: {error.strerror or error}") from error
     return tail[8:] == _MAGIC and tail[:4] != bytes(4)
 
 
@@ -110,7 +112,7 @@ def _without_holes(path: Path) -> int:
                 if place >= size:
                     break
             return held
-    except FileNotFoundError:
+    except (FileNotFoundError, PermissionError):  # what may not be read, SQLite does not read
         return 0
 
 

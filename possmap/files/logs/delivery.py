@@ -14,7 +14,7 @@ from possmap.files.logs.parcel import Parcel
 class Origin:
     """Where records came from, kept in the ledger outside the digest.
 
-    name : of the file, as the user gave it.
+    name : of the file, as the user gave it; bytes of it that are no text are spelt out.
     sha256 : of the file's bytes as delivered, hexadecimal.
     size : of the same [bytes].
     """
@@ -22,6 +22,11 @@ class Origin:
     name: str
     sha256: str
     size: int
+
+    def __post_init__(self) -> None:
+        # Linux lets any bytes name a file; a ledger holds text.
+        text = self.name.encode(errors="backslashreplace").decode()
+        object.__setattr__(self, "name", text)
 
 
 @dataclass(frozen=True, slots=True)
