@@ -496,6 +496,24 @@ def test_a_database_that_holds_something_else_is_refused(
     assert told in refusal(path)
 
 
+def test_an_index_that_leads_to_another_topic_is_refused(tmp_path: Path) -> None:
+    path = write_bag(tmp_path, "bag", drive("bag", scans=True))
+    data = path.read_bytes()
+    told = []
+    for one, other in ((0, 1), (1, 0)):
+        field = b"conn=" + one.to_bytes(4, "little")
+        at = data.find(field)
+        while at >= 0:
+            changed = b"conn=" + other.to_bytes(4, "little")
+            path.write_bytes(data[:at] + changed + data[at + len(field) :])
+            try:
+                read(path)
+            except RecordingError as error:
+                told.append(str(error))
+            at = data.find(field, at + 1)
+    assert any("the index leads to topic" in one for one in told), told
+
+
 def test_metadata_that_say_something_else_are_refused(tmp_path: Path) -> None:
     path = write_bag(tmp_path, "folder", drive("folder", scans=False))
     told = path / "metadata.yaml"

@@ -139,6 +139,9 @@ class Bag:
                 raise RecordingError(
                     str(self.path), f"damaged: the time of a message, found {shown(stamp)}"
                 )
+            if connection.id not in ids:
+                found = shown(connection.topic)
+                raise RecordingError(str(self.path), f"damaged: the index leads to topic {found}")
             yield connection.id, stamp, data
 
 
