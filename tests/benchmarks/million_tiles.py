@@ -23,9 +23,9 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-from fuse_km import the_km
 from numpy.typing import NDArray
 from render_map import cost
+from tracks import the_km
 
 import possmap
 from possmap.core.evidence import Layer, findings
@@ -35,6 +35,7 @@ from possmap.core.settings import EvidenceSettings
 from possmap.files.gridfile.encoding import EncodedTile, decode, digest_of, encode
 from possmap.files.gridfile.grid import Grid
 from possmap.files.gridfile.ledger import Part
+from possmap.files.gridfile.rows import excursion_rows
 from possmap.files.logs.delivery import Origin
 
 Cells: TypeAlias = NDArray[np.unsignedinteger]
@@ -139,7 +140,9 @@ def _column(grid: Grid, key: TileKey) -> Column:
         one = encode(layer, key, array)
         cells = decode(layer, one.bounds, one.data).astype(f"<u{one.data[0]}")
         layers[layer] = one, cells
-    return Column(layers, set().union(*grid.ledger.touching(key).values()))
+    ledger = grid.ledger
+    entries = [ledger.entry_of(identity) for identity in ledger.known_in(key)]
+    return Column(layers, set().union(*[ledger.numbers_in(key, one) for one in entries if one]))
 
 
 def write(path: Path, rows: int, columns: int) -> Path:
@@ -156,9 +159,9 @@ def write(path: Path, rows: int, columns: int) -> Path:
             touched = set()
             for key, column in patterns.row(row, columns):
                 grid.tiles.put(key, {layer: one for layer, (one, _) in column.layers.items()})
-                touched |= {(key, number) for number in column.records}
+                touched |= {(*key, number) for number in column.records}
             geometry = findings(version, model, SETTINGS).geometry
-            grid.ledger.add(version, model, 0, geometry, touched)
+            grid.ledger.add(excursion_rows(version, model, 0, geometry, sorted(touched)))
             origin = Origin(f"row-{row}.json", f"{row:064x}", 1000)
             parts.append((version.name, Part(0, len(version.records), origin, None)))
         grid.ledger.came.add(parts, "2026-11-25T12:00:00+00:00", possmap.version())
