@@ -6,17 +6,17 @@ import io
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from possmap.app.diff_summary import DiffSummary
-from possmap.app.fuse import FuseSummary
-from possmap.app.fuse import fuse as _fuse
-from possmap.app.settings import Request
 from possmap.core.lattice import Window
 from possmap.core.views import VIEWS
 from possmap.errors import PossmapError
-from possmap.evaluation.results import Evaluation
-from possmap.files.gridfile.grid import Grid as _Grid
-from possmap.files.setting_table import Value, parse_setting
+from possmap.fusing.fuse import FuseSummary
+from possmap.fusing.fuse import fuse as _fuse
+from possmap.grid.grid import Grid as _Grid
+from possmap.inspection.diff_summary import DiffSummary
+from possmap.lab.evaluate.results import Evaluation
 from possmap.release import version
+from possmap.settings.request import Request
+from possmap.settings.setting_table import Value, parse_setting
 
 __all__ = [
     "VIEWS",
@@ -38,7 +38,7 @@ class Grid(_Grid):
     """An open grid that a notebook shows as its picture."""
 
     def _repr_png_(self) -> bytes | None:
-        from possmap.app.render import Look, picture
+        from possmap.pictures.render import Look, picture
 
         if self.window is None:
             return None
@@ -128,8 +128,8 @@ def evaluate(
     possmap.PossmapError
         If a file cannot be read, or the truth does not belong to the grid.
     """
-    from possmap.app.evaluate import Question
-    from possmap.app.evaluate import evaluate as _evaluate
+    from possmap.lab.evaluate.run import Question
+    from possmap.lab.evaluate.run import evaluate as _evaluate
 
     question = Question(
         beside=tuple(map(Path, beside)),
@@ -153,7 +153,7 @@ def diff(a: str | Path, b: str | Path, *, largest: int = 5) -> DiffSummary:
     possmap.PossmapError
         If a grid cannot be read, or their resolutions differ.
     """
-    from possmap.app.diff import diff as _diff
+    from possmap.inspection.diff import diff as _diff
 
     return _diff(Path(a), Path(b), largest=largest)
 

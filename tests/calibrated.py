@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from possmap.calibration.trials import Trial
+from possmap.lab.calibrate.trials import Trial
 
 FACTOR = 2.2365
 """Standard deviations in a half-width of the truth."""

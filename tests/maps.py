@@ -12,7 +12,7 @@ from possmap.core.fusion import CERTAIN, WEIGHT, blank
 from possmap.core.lattice import TILE, TileKey
 from possmap.core.pyramid import FULL
 from possmap.core.settings import EvidenceSettings
-from possmap.files.gridfile.grid import Grid
+from possmap.grid.grid import Grid
 
 PAIRS = {"?": (0.0, 1.0), "#": (1.0, 1.0), ".": (0.0, 0.0), "!": (1.0, 0.0)}
 """N and Π of unknown, wall, free and contradicted cells; of "1" to "9": N of so many tenths."""

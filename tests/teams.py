@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 import possmap
-from possmap.app.fuse import FuseSummary
-from possmap.files.settings_yaml import read_profile
+from possmap.fusing.fuse import FuseSummary
+from possmap.settings.settings_yaml import read_profile
 
 ROBUST: Mapping[str, Any] = {name: value for name, (value, _) in read_profile("robust").items()}
 """The settings of the profile ``robust``."""

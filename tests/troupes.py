@@ -11,17 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from possmap.core.model import ErrorModel
-from possmap.files.mission import read_mission
-from possmap.files.settings_yaml import shipped
-from possmap.simulation.body import Body, Faults
-from possmap.simulation.floor_plan import sides
-from possmap.simulation.logbook import Logbook
-from possmap.simulation.mission import Mission
-from possmap.simulation.perception import Perception
-from possmap.simulation.robot import Excursion
-from possmap.simulation.settings import MissionSettings
-from possmap.simulation.steering import Done, Motion, Steering, Steps, Track
-from possmap.simulation.world import World
+from possmap.lab.simulate.body import Body, Faults
+from possmap.lab.simulate.floor_plan import sides
+from possmap.lab.simulate.logbook import Logbook
+from possmap.lab.simulate.mission import Mission
+from possmap.lab.simulate.mission_file import read_mission
+from possmap.lab.simulate.perception import Perception
+from possmap.lab.simulate.robot import Excursion
+from possmap.lab.simulate.settings import MissionSettings
+from possmap.lab.simulate.steering import Done, Motion, Steering, Steps, Track
+from possmap.lab.simulate.world import World
+from possmap.settings.settings_yaml import shipped
 
 Floats = NDArray[np.float64]
 

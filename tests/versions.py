@@ -10,7 +10,7 @@ from typing import Any
 from literal.teams import Log
 from teams import digest, fuse, write_logs
 
-from possmap.app.fuse import FuseSummary
+from possmap.fusing.fuse import FuseSummary
 
 SETTINGS = {"resolution": 0.1}
 

@@ -13,8 +13,8 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.app.audit import Audit, Side
-    from possmap.files.budget import Budget
+    from possmap.budget import Budget
+    from possmap.inspection.audit import Audit, Side
 
 _COLUMNS = ("contradiction", "above", "compared", "mean K", "wall/free", "free/wall")
 
@@ -44,8 +44,8 @@ def audit(
     Each is held against the grid without it, in the cells of which both say something. Who stands
     out may be broken, or the only one that is right: look at the place.
     """
-    from possmap.app.audit import audit as hold
     from possmap.cli.progress import bar
+    from possmap.inspection.audit import audit as hold
 
     found = hold(grid, window_m=window, progress=bar, budget=budget)
     click.echo(json.dumps(_as_json(found)) if as_json else "\n".join(_as_text(found, top)))

@@ -13,8 +13,8 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.app.calibrate import Request
-    from possmap.calibration.results import Calibration, Estimate, RobotResult
+    from possmap.lab.calibrate.results import Calibration, Estimate, RobotResult
+    from possmap.lab.calibrate.run import Request
 
 UNITS = {
     "along": "m/m", "across": "m/m", "turn_bias": "deg/45", "turn_gain": "", "turn_noise": "deg/45",
@@ -100,8 +100,8 @@ def calibrate(
     Needs the extra calibrate. docs/calibrate.md says how to run trials, and what each number
     means.
     """
-    from possmap.app.calibrate import calibrate_files
     from possmap.cli.progress import bytes_read
+    from possmap.lab.calibrate.run import calibrate_files
 
     found = calibrate_files(
         trials, output, _request(**given), picture=picture, overwrite=overwrite, progress=bytes_read
@@ -137,10 +137,10 @@ def _request(
     click.UsageError
         For a name that is none.
     """
-    from possmap.app.calibrate import Request
-    from possmap.app.calibration_recordings import RecordingsRequest
-    from possmap.files.logs.fields import NAME
-    from possmap.files.recordings import Source, find_mapping, read_mapping
+    from possmap.lab.calibrate.recordings import RecordingsRequest
+    from possmap.lab.calibrate.run import Request
+    from possmap.lab.recordings import Source, find_mapping, read_mapping
+    from possmap.logs.fields import NAME
 
     if robot is not None and not NAME.fullmatch(robot):
         raise click.BadParameter(
@@ -184,7 +184,7 @@ def to_json(found: Calibration, output: Path) -> dict[str, Any]:
 
 
 def _robot(one: RobotResult) -> dict[str, Any]:
-    from possmap.calibration.verdict import verdict
+    from possmap.lab.calibrate.verdict import verdict
 
     validation = one.validation
     tests = {
@@ -239,7 +239,7 @@ def report(found: Calibration, verbose: bool) -> None:
 
 
 def _report_one(one: RobotResult, verbose: bool) -> None:
-    from possmap.calibration.verdict import test_words, verdict
+    from possmap.lab.calibrate.verdict import test_words, verdict
 
     heading = one.fit.heading
     factor = one.parameters.get("factor")

@@ -12,12 +12,12 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.app.check import Inspection
+    from possmap.fusing.check import Inspection
 
 
 def _print_schema(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
     if asked and not ctx.resilient_parsing:
-        from possmap.files.logs.schema import text
+        from possmap.logs.schema import text
 
         click.echo(text(), nl=False)
         ctx.exit()
@@ -50,9 +50,9 @@ def check(
     The logs are judged one by one and against each other, as fuse would. The settings decide how
     the error rectangle grows.
     """
-    from possmap.app.check import check as inspect
     from possmap.cli.progress import bar
     from possmap.errors import printable
+    from possmap.fusing.check import check as inspect
 
     summary = inspect(
         logs, options.request(**settings), allow_truncated=allow_truncated, progress=bar

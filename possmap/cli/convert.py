@@ -12,7 +12,7 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.app.convert_request import Request
+    from possmap.lab.convert.request import Request
 
 
 class _Range(click.FloatRange):
@@ -172,9 +172,9 @@ def convert(ctx: click.Context, /, sources: tuple[Path, ...], output: Path, **gi
     beams saw becomes walls, corners and single readings. What is skipped, replaced or dropped
     is counted. docs/convert.md says how.
     """
-    from possmap.app.convert import convert_recordings
     from possmap.cli.convert_report import report, to_json
     from possmap.cli.progress import bytes_read
+    from possmap.lab.convert.run import convert_recordings
 
     as_json, overwrite = given.pop("as_json"), given.pop("overwrite")
     found = convert_recordings(
@@ -214,12 +214,12 @@ def _request(
     click.UsageError
         For an option whose text is not what it should be.
     """
-    from possmap.app.convert_request import Request, models_of
-    from possmap.conversion.settings import ConvertSettings
     from possmap.errors import SettingsError
-    from possmap.files.logs.fields import NAME
-    from possmap.files.recordings import Source, find_mapping, read_mapping
-    from possmap.files.recordings.rosbag.topics import mapping_of
+    from possmap.lab.convert.request import Request, models_of
+    from possmap.lab.convert.settings import ConvertSettings
+    from possmap.lab.recordings import Source, find_mapping, read_mapping
+    from possmap.lab.recordings.rosbag.topics import mapping_of
+    from possmap.logs.fields import NAME
 
     if mapping and topics:
         raise click.UsageError("--topic and --mapping say the same thing, expected one of them")

@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
-from possmap.app.convert import Converted
-from possmap.conversion.hits import ECHOES
 from possmap.errors import plural, printable
+from possmap.lab.convert.hits import ECHOES
+from possmap.lab.convert.run import Converted
 
 
 def to_json(found: Sequence[Converted], output: Path) -> dict[str, Any]:

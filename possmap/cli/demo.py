@@ -21,9 +21,9 @@ def demo(ctx: click.Context, /, folder: Path, seed: int | None, overwrite: bool)
 
     The mission is modelled on the paper's Figure 8. DIR is possmap-demo unless given.
     """
-    from possmap.app.demo import demo as show
     from possmap.cli.progress import clock
     from possmap.cli.simulate import report
+    from possmap.demo import demo as show
     from possmap.errors import plural, printable
 
     with clock() as tell:

@@ -13,10 +13,10 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.app.diff_summary import Cells, DiffSummary, ExcursionDiff
-    from possmap.files.budget import Budget
-    from possmap.files.gridfile.ledger import Entry
-    from possmap.files.setting_table import Value
+    from possmap.budget import Budget
+    from possmap.grid.ledger import Entry
+    from possmap.inspection.diff_summary import Cells, DiffSummary, ExcursionDiff
+    from possmap.settings.setting_table import Value
 
 _AT_LENGTH = 3
 """As many excursions that changed in the same way are named one by one."""
@@ -55,8 +55,8 @@ def diff(
     singular points, new contradictions. Shares are those of the cells that A or B knows. Where the
     digests are equal, no cell differs, and none is read.
     """
-    from possmap.app.diff import diff as compare
     from possmap.cli.progress import bar
+    from possmap.inspection.diff import diff as compare
 
     if overwrite and picture is None:
         raise click.UsageError("--overwrite belongs to --picture.")
@@ -116,7 +116,7 @@ def _as_json(found: DiffSummary, picture: Path | None) -> dict[str, Any]:
 
 
 def _cells_as_json(cells: Cells) -> dict[str, Any]:
-    from possmap.core.difference import THRESHOLDS
+    from possmap.inspection.difference import THRESHOLDS
 
     return {
         "known": {
@@ -161,7 +161,7 @@ def _as_text(found: DiffSummary) -> Iterator[str]:
 
 
 def _value(value: Value | None) -> str:
-    from possmap.files.settings import scalar
+    from possmap.settings.settings import scalar
 
     return "none" if value is None else scalar(value)
 
@@ -198,7 +198,7 @@ def _changes(changed: ExcursionDiff) -> list[str]:
 
 
 def _cells_as_text(cells: Cells) -> Iterator[str]:
-    from possmap.core.difference import THRESHOLDS
+    from possmap.inspection.difference import THRESHOLDS
 
     def share(count: int) -> str:
         return f"{count / max(1, cells.in_either):.2%}"

@@ -13,8 +13,8 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.evaluation.reliability import Bin
-    from possmap.evaluation.results import Evaluation, MethodScore
+    from possmap.lab.evaluate.reliability import Bin
+    from possmap.lab.evaluate.results import Evaluation, MethodScore
 
 MEASURES = ("auc", "f1_5cm", "f1_15cm", "precision_15cm", "recall_15cm")
 
@@ -74,8 +74,8 @@ def evaluate(
     over where it may belong. All are judged on the same cells: those that any of them touched, but
     for the insides of walls.
     """
-    from possmap.app.evaluate import Question
-    from possmap.app.evaluate import evaluate as judge
+    from possmap.lab.evaluate.run import Question
+    from possmap.lab.evaluate.run import evaluate as judge
 
     question = Question(
         beside=beside,

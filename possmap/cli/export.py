@@ -10,12 +10,12 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.files.budget import Budget
+    from possmap.budget import Budget
 
 
 def _layer(name: str) -> str:
     from possmap.errors import did_you_mean, shown
-    from possmap.files.exports.job import LAYERS
+    from possmap.exports.job import LAYERS
 
     if name not in LAYERS:
         guess = did_you_mean(name, LAYERS) or f", expected one of {', '.join(LAYERS)}"
@@ -24,7 +24,7 @@ def _layer(name: str) -> str:
 
 
 def _layers_like(begun: str) -> list[str]:
-    from possmap.files.exports.job import LAYERS
+    from possmap.exports.job import LAYERS
 
     return [name for name in LAYERS if name.startswith(begun)]
 
@@ -101,10 +101,10 @@ def export(
     lowest y; origin, the (x, y) in metres of the lower left corner of cell [0, 0]; and resolution,
     metres per cell. docs/export.md describes the others.
     """  # noqa: D301 (click's own mark: keep these lines apart)
-    from possmap.app.export import export as write
-    from possmap.app.export import strange_options
     from possmap.errors import printable
-    from possmap.files.exports.job import Choices
+    from possmap.exports.job import Choices
+    from possmap.exports.run import export as write
+    from possmap.exports.run import strange_options
 
     given = {
         name: value

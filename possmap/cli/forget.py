@@ -11,9 +11,9 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.app.forget import ForgetSummary, Target
-    from possmap.files.budget import Budget
-    from possmap.files.gridfile.forgotten import Forgotten
+    from possmap.budget import Budget
+    from possmap.fusing.forget import ForgetSummary, Target
+    from possmap.grid.forgotten import Forgotten
 
 
 @click.command(epilog="Example: possmap forget site.possmap --robot r3")
@@ -51,10 +51,10 @@ def forget(
     What a forgotten robot carried for others stays. The grid remembers what was forgotten, and
     fuse does not let it in until --recall says so; with --once it may come again at any time.
     """
-    from possmap.app.forget import Target
-    from possmap.app.forget import forget as take_out
-    from possmap.app.forget import recall as let_in
     from possmap.cli.progress import bar
+    from possmap.fusing.forget import Target
+    from possmap.fusing.forget import forget as take_out
+    from possmap.fusing.forget import recall as let_in
 
     if (robot is None) == (brought_by is None):
         raise click.UsageError("expected either --robot or --brought-by")

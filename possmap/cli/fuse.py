@@ -12,7 +12,7 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.files.budget import Budget
+    from possmap.budget import Budget
 
 
 class _Log(click.Path):
@@ -100,9 +100,9 @@ def fuse(
     """
     import gc
 
-    from possmap.app.fuse import fuse as fuse_logs
     from possmap.cli.progress import bar
     from possmap.errors import plural, printable
+    from possmap.fusing.fuse import fuse as fuse_logs
 
     if dask is not None and jobs > 1:
         raise click.UsageError("--dask and --jobs exclude each other")

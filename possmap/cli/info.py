@@ -12,11 +12,11 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.app.info import GridInfo
-    from possmap.files.budget import Budget
-    from possmap.files.gridfile.arrivals import Event
-    from possmap.files.gridfile.forgotten import Forgotten
-    from possmap.files.gridfile.ledger import Entry
+    from possmap.budget import Budget
+    from possmap.grid.arrivals import Event
+    from possmap.grid.forgotten import Forgotten
+    from possmap.grid.ledger import Entry
+    from possmap.inspection.info import GridInfo
 
 
 @click.command(epilog="Example: possmap info site.possmap")
@@ -28,7 +28,7 @@ def info(grid: Path, budget: Budget, as_json: bool) -> None:
 
     Two grids of the same evidence have one digest, in whatever order the logs came.
     """
-    from possmap.app.info import info as look
+    from possmap.inspection.info import info as look
 
     found = look(grid, budget)
     click.echo(json.dumps(_as_json(found)) if as_json else "\n".join(_as_text(found)))
@@ -36,7 +36,7 @@ def info(grid: Path, budget: Budget, as_json: bool) -> None:
 
 def _as_json(found: GridInfo) -> dict[str, Any]:
     from possmap.cli.forget import as_told
-    from possmap.files.gridfile.arrivals import Again, Part
+    from possmap.grid.arrivals import Again, Part
 
     events = found.events_by_excursion()
     return {
@@ -98,9 +98,9 @@ def _own(found: GridInfo, entry: Entry) -> dict[str, float]:
 
 def _as_text(found: GridInfo) -> list[str]:
     from possmap.errors import brief, plural, printable
-    from possmap.files.gridfile.arrivals import Part
-    from possmap.files.setting_table import SHAPING
-    from possmap.files.settings import Settings, flat_evidence, scalar
+    from possmap.grid.arrivals import Part
+    from possmap.settings.setting_table import SHAPING
+    from possmap.settings.settings import Settings, flat_evidence, scalar
 
     size = "nothing"
     if found.window and found.extent_m:

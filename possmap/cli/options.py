@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 if TYPE_CHECKING:
-    from possmap.app.settings import Request
-    from possmap.files.budget import Budget
-    from possmap.files.setting_table import GivenSettings
+    from possmap.budget import Budget
+    from possmap.settings.request import Request
+    from possmap.settings.setting_table import GivenSettings
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -44,7 +44,7 @@ window = click.option(
 
 
 def _budget(ctx: click.Context, param: click.Parameter, mib: int) -> Budget:
-    from possmap.files.budget import Budget
+    from possmap.budget import Budget
 
     try:
         return Budget(mib)
@@ -85,7 +85,7 @@ def base_rate(command: F) -> F:
 
 def chosen_base_rate(config: Path | None, base_rate: float | None) -> float:
     """Return the base rate: of the option, else of the settings file, else the default."""
-    from possmap.app.settings import Request, in_force
+    from possmap.settings.request import Request, in_force
 
     return in_force(Request(config=config).given()).base_rate if base_rate is None else base_rate
 
@@ -115,7 +115,7 @@ def settings(command: F) -> F:
 
 
 def _settings_like(begun: str) -> list[str]:
-    from possmap.files.setting_table import KNOWN
+    from possmap.settings.setting_table import KNOWN
 
     return [f"{name}=" for name in KNOWN if name.startswith(begun)]
 
@@ -130,7 +130,7 @@ def request(
     click.UsageError
         For an option whose text is not a setting.
     """
-    from possmap.app.settings import Request
+    from possmap.settings.request import Request
 
     flags = {} if resolution is None else _given("resolution", resolution, "--resolution")
     sets: dict[str, Any] = {}
@@ -155,7 +155,7 @@ def pair(text: str) -> tuple[str, str]:
 
 def _given(name: str, text: str, origin: str) -> GivenSettings:
     from possmap.errors import SettingsError
-    from possmap.files.setting_table import parse_setting
+    from possmap.settings.setting_table import parse_setting
 
     try:
         return {name: parse_setting(name, text, origin)}

@@ -12,7 +12,7 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.files.budget import Budget
+    from possmap.budget import Budget
 
 
 def _coordinate(ctx: click.Context, param: click.Parameter, value: float) -> float:
@@ -58,8 +58,8 @@ def query(
     N, the necessity of a wall, does not mean that this very cell is wall, but that a wall lies
     within the error rectangle of this cell.
     """
-    from possmap.app.query import query as ask
     from possmap.errors import brief
+    from possmap.inspection.query import query as ask
 
     report = ask(grid, x, y, options.chosen_base_rate(config, base_rate), budget)
     if as_json:

@@ -13,8 +13,8 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.app.render import Look
-    from possmap.files.budget import Budget
+    from possmap.budget import Budget
+    from possmap.pictures.render import Look
 
 LAYERS = (
     "map", "necessity", "possibility", "ignorance", "conflict", "probability", "points", "coverage",
@@ -135,8 +135,8 @@ def render(
     With --bare --palette gray a pixel of a layer is round(255 x value) and the first row of pixels
     the highest y, so that a program can read the values back; of coverage it is the count.
     """
-    from possmap.app.render import Look
     from possmap.errors import plural, printable
+    from possmap.pictures.render import Look
 
     if output is None and not show:
         raise click.UsageError("Give -o OUT.png for a picture, or --show for a preview.")
@@ -167,8 +167,8 @@ def render(
     if output is None:
         return
     if animate is not None:
-        from possmap.app.animate import animate as draw_film
         from possmap.cli.progress import bar
+        from possmap.pictures.animate import animate as draw_film
 
         done = draw_film(
             grid,
@@ -182,7 +182,7 @@ def render(
             budget=budget,
         )
     else:
-        from possmap.app.render import render as draw
+        from possmap.pictures.render import render as draw
 
         done = draw(grid, output, look, overwrite, budget)
     if not ctx.obj["quiet"]:
@@ -191,7 +191,7 @@ def render(
 
 
 def _show(grid: Path, look: Look, budget: Budget) -> None:
-    from possmap.app.preview import Depth, preview
+    from possmap.pictures.preview import Depth, preview
 
     size = shutil.get_terminal_size((80, 24))
     is_terminal = sys.stdout.isatty()

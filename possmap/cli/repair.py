@@ -11,7 +11,7 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.files.budget import Budget
+    from possmap.budget import Budget
 
 
 @click.command(epilog="Example: possmap repair site.possmap -o saved.possmap")
@@ -42,9 +42,9 @@ def repair(
     Every excursion whose records are whole is fused again, under the settings and the model that it
     had. What cannot be saved is named, and the exit status is then 1. The old file is not changed.
     """
-    from possmap.app.repair import repair as mend
     from possmap.cli.progress import bar
     from possmap.errors import plural, printable
+    from possmap.fusing.repair import repair as mend
 
     made = mend(grid, output, overwrite=overwrite, budget=budget, progress=bar)
     for one in made.lost:

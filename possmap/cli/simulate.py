@@ -11,7 +11,7 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.simulation.summary import Summary
+    from possmap.lab.simulate.summary import Summary
 
 
 def overrides_of(seed: int | None, robots: int | None, sets: tuple[str, ...]) -> dict[str, str]:
@@ -60,10 +60,10 @@ def simulate(
     logs/ holds what the host receives, one log for each excursion that came home, sorted by
     return; truth.json what truly happened. One seed gives one set of bytes.
     """
-    from possmap.app.simulate import as_json as to_json
-    from possmap.app.simulate import simulate as drive
     from possmap.cli.progress import clock
     from possmap.errors import plural, printable
+    from possmap.lab.simulate.run import as_json as to_json
+    from possmap.lab.simulate.run import simulate as drive
 
     with clock() as tell:
         summary = drive(

@@ -11,7 +11,7 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.files.budget import Budget
+    from possmap.budget import Budget
 
 
 @click.command(epilog="Example: possmap verify site.possmap")
@@ -27,9 +27,9 @@ def verify(ctx: click.Context, /, grid: Path, full: bool, budget: Budget, as_jso
     tiles is fused again from the ledger, or all of them. Every fault is one line; the exit status
     is 1 if there is one. The file is not changed; possmap repair makes a new one.
     """
-    from possmap.app.verify import verify as look
     from possmap.cli.progress import bar
     from possmap.errors import plural, printable
+    from possmap.inspection.verify import verify as look
 
     found = look(grid, full=full, budget=budget, progress=bar)
     name = printable(str(grid))

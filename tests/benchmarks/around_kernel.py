@@ -25,11 +25,11 @@ from possmap.core.model import ErrorModel
 from possmap.core.plan import plan_excursion
 from possmap.core.records import PartialMap
 from possmap.core.settings import EvidenceSettings
-from possmap.files.gridfile.grid import Grid
-from possmap.files.gridfile.rows import excursion_hash, excursion_rows
-from possmap.files.limits import Limits
-from possmap.files.logs import read_log
-from possmap.files.logs.writing import writing
+from possmap.grid.grid import Grid
+from possmap.grid.rows import excursion_hash, excursion_rows
+from possmap.logs import read_log
+from possmap.logs.writing import writing
+from possmap.settings.limits import Limits
 
 SETTINGS = EvidenceSettings()
 HEADING = EvidenceSettings(

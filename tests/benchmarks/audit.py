@@ -27,11 +27,11 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # for broken.py
 
 from broken import FAULTS
 
-from possmap.app.audit import Side, audit
-from possmap.app.fuse import fuse
-from possmap.app.settings import Request
-from possmap.app.simulate import simulate
-from possmap.files.setting_table import parse_setting
+from possmap.fusing.fuse import fuse
+from possmap.inspection.audit import Side, audit
+from possmap.lab.simulate.run import simulate
+from possmap.settings.request import Request
+from possmap.settings.setting_table import parse_setting
 
 MISSIONS = Path(__file__).parents[2] / "configs" / "missions"
 NAMES = ("figure8", "office")

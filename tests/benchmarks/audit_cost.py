@@ -25,8 +25,8 @@ from typing import Any
 
 from tracks import the_km
 
-from possmap.app.fuse import fuse
-from possmap.app.settings import Request
+from possmap.fusing.fuse import fuse
+from possmap.settings.request import Request
 
 SIDE_M = 9400.0
 Log = dict[str, Any]

@@ -17,10 +17,10 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from calibrated import PAPER, SPINS, Faults, trials
 
-from possmap.calibration.crossval import score
-from possmap.calibration.estimates import estimates
-from possmap.calibration.model import fit_model
-from possmap.calibration.rectangles import hold
+from possmap.lab.calibrate.crossval import score
+from possmap.lab.calibrate.estimates import estimates
+from possmap.lab.calibrate.model import fit_model
+from possmap.lab.calibrate.rectangles import hold
 
 REPETITIONS = 200
 VARYING = Faults(turn_spread=1.5, drift_spread=0.8)

@@ -25,11 +25,11 @@ from typing import Any
 
 from scaling import KM, print_table, run, write_logs
 
-from possmap.app.fuse import fuse
-from possmap.app.fusing.cluster import crew, tasks
-from possmap.app.fusing.cluster.client import Sent, Team, Work
-from possmap.app.settings import Request
-from possmap.files.setting_table import parse_setting
+from possmap.fusing.cluster import crew, tasks
+from possmap.fusing.cluster.client import Sent, Team, Work
+from possmap.fusing.fuse import fuse
+from possmap.settings.request import Request
+from possmap.settings.setting_table import parse_setting
 
 
 class Pretended(Team):

@@ -25,8 +25,8 @@ from pathlib import Path
 
 import numpy as np
 
-from possmap.conversion.tally import Tally
-from possmap.files.recordings import Source, open_recordings, read_mapping
+from possmap.lab.convert.tally import Tally
+from possmap.lab.recordings import Source, open_recordings, read_mapping
 
 HALL = 12.0, 8.0
 SPEED, HZ, NOISE = 0.5, 10.0, 0.01

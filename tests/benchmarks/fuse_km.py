@@ -26,10 +26,10 @@ from possmap.core.fusion import fuse_tile
 from possmap.core.model import ErrorModel
 from possmap.core.plan import by_tile, plan_excursion
 from possmap.core.settings import EvidenceSettings
-from possmap.files.gridfile.grid import Grid
-from possmap.files.gridfile.rows import excursion_rows
-from possmap.files.limits import Limits
-from possmap.files.logs import read_log
+from possmap.grid.grid import Grid
+from possmap.grid.rows import excursion_rows
+from possmap.logs import read_log
+from possmap.settings.limits import Limits
 
 
 def seconds(command: list[str]) -> float:
@@ -101,7 +101,7 @@ def main() -> None:
         helped = median(runs, lambda: seconds([*possmap, "--help"]))
         started = median(
             runs,
-            lambda: seconds([*python, "-c", "import possmap.app.fuse, possmap.cli.main, tqdm"]),
+            lambda: seconds([*python, "-c", "import possmap.fusing.fuse, possmap.cli.main, tqdm"]),
         )
         new, into_large = median(runs, fuse_new), median(runs, fuse_into_large)
         laps = [stages(log, folder) for _ in range(runs)]

@@ -32,11 +32,11 @@ from possmap.core.evidence import Layer, findings
 from possmap.core.lattice import TILE, TileKey
 from possmap.core.records import KIND_OF, Corner, PartialMap, Pose, Record, Wall
 from possmap.core.settings import EvidenceSettings
-from possmap.files.gridfile.encoding import EncodedTile, decode, digest_of, encode
-from possmap.files.gridfile.grid import Grid
-from possmap.files.gridfile.ledger import Part
-from possmap.files.gridfile.rows import excursion_rows
-from possmap.files.logs.delivery import Origin
+from possmap.grid.encoding import EncodedTile, decode, digest_of, encode
+from possmap.grid.grid import Grid
+from possmap.grid.ledger import Part
+from possmap.grid.rows import excursion_rows
+from possmap.logs.delivery import Origin
 
 Cells: TypeAlias = NDArray[np.unsignedinteger]
 

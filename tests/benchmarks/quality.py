@@ -26,17 +26,17 @@ from pathlib import Path
 
 import numpy as np
 
-from possmap.app.evaluate import Question, evaluate
-from possmap.app.fuse import fuse
-from possmap.app.settings import Request
-from possmap.app.simulate import simulate
-from possmap.evaluation.bayes import BayesSettings
-from possmap.evaluation.distance import squared_distances
-from possmap.evaluation.evaluate import Baselines
-from possmap.evaluation.results import Evaluation
-from possmap.evaluation.smeared import SmearSettings
-from possmap.files.plans import read_image
-from possmap.files.setting_table import parse_setting
+from possmap.fusing.fuse import fuse
+from possmap.lab.evaluate.bayes import BayesSettings
+from possmap.lab.evaluate.distance import squared_distances
+from possmap.lab.evaluate.evaluate import Baselines
+from possmap.lab.evaluate.results import Evaluation
+from possmap.lab.evaluate.run import Question, evaluate
+from possmap.lab.evaluate.smeared import SmearSettings
+from possmap.lab.simulate.run import simulate
+from possmap.settings.request import Request
+from possmap.settings.setting_table import parse_setting
+from possmap.truth.plans import read_image
 
 ROOT = Path(__file__).parents[2]
 MISSIONS = ROOT / "configs" / "missions"

@@ -22,19 +22,19 @@ from pathlib import Path
 import numpy as np
 from quality import BODY, MISSIONS, TUNED, WORLDS, Variant, World, overrides
 
-from possmap.app.fuse import fuse
-from possmap.app.simulate import simulate
 from possmap.core.evidence import findings
 from possmap.core.lattice import Window
-from possmap.evaluation.bayes import BayesSettings, bayes
-from possmap.evaluation.exam import Exam
-from possmap.evaluation.raster import Floats, grown
-from possmap.evaluation.smeared import bayes_smeared
-from possmap.evaluation.strokes import Outing
-from possmap.evaluation.true_map import TrueMap, true_map
-from possmap.files.gridfile.grid import Grid
-from possmap.files.limits import Limits
-from possmap.files.truth import read_truth
+from possmap.fusing.fuse import fuse
+from possmap.grid.grid import Grid
+from possmap.lab.evaluate.bayes import BayesSettings, bayes
+from possmap.lab.evaluate.exam import Exam
+from possmap.lab.evaluate.raster import Floats, grown
+from possmap.lab.evaluate.smeared import bayes_smeared
+from possmap.lab.evaluate.strokes import Outing
+from possmap.lab.evaluate.true_map import TrueMap, true_map
+from possmap.lab.simulate.run import simulate
+from possmap.settings.limits import Limits
+from possmap.truth.truth import read_truth
 
 MARGIN = 30
 MOST_CELLS = 25_000_000

@@ -26,22 +26,22 @@ from typing import Any
 
 import numpy as np
 
-from possmap.app.convert import convert_recordings
-from possmap.app.convert_request import Models, Request
-from possmap.app.evaluate import Question, evaluate
-from possmap.app.fuse import fuse
-from possmap.app.settings import Request as FuseRequest
-from possmap.conversion.settings import ConvertSettings
 from possmap.core.correction import correct
 from possmap.core.estimators import at_start
 from possmap.core.model import ErrorModel
 from possmap.core.propagation import propagate
 from possmap.core.records import PartialMap, Pose
 from possmap.core.track import stretches
-from possmap.files.limits import Limits
-from possmap.files.logs import read_log
-from possmap.files.recordings import Source, find_mapping, open_recordings, read_mapping
-from possmap.files.setting_table import Given, parse_setting
+from possmap.fusing.fuse import fuse
+from possmap.lab.convert.request import Models, Request
+from possmap.lab.convert.run import convert_recordings
+from possmap.lab.convert.settings import ConvertSettings
+from possmap.lab.evaluate.run import Question, evaluate
+from possmap.lab.recordings import Source, find_mapping, open_recordings, read_mapping
+from possmap.logs import read_log
+from possmap.settings.limits import Limits
+from possmap.settings.request import Request as FuseRequest
+from possmap.settings.setting_table import Given, parse_setting
 
 LEGS = (10.0, 20.0, 40.0)
 BEAMS = (-90.0, 0.0, 90.0)
@@ -72,7 +72,7 @@ class Data:
 
 def poses_of(path: Path, source: Source) -> np.ndarray:
     """Return every pose of a recording."""
-    from possmap.conversion.tally import Tally
+    from possmap.lab.convert.tally import Tally
 
     (recording,) = open_recordings([path], source)
     parts = list(recording.samples(Tally(), None))

@@ -21,15 +21,15 @@ from pathlib import Path
 
 import numpy as np
 
-from possmap.app.render import Look, overlays_of, raster_of, scene_of
 from possmap.core.evidence import Layer
 from possmap.core.fusion import CERTAIN, TileLayers
 from possmap.core.lattice import TILE, TileKey
 from possmap.core.pyramid import FULL
 from possmap.core.settings import EvidenceSettings
-from possmap.files.gridfile.grid import Grid
+from possmap.grid.grid import Grid
 from possmap.pictures import compose, overlays
 from possmap.pictures.png import palette_image, write_png
+from possmap.pictures.render import Look, overlays_of, raster_of, scene_of
 
 KNOWN = 16  # tiles along a side: 4096, of which 4000 cells are drawn
 WIDE = 79  # tiles along a side: 20,224 cells
@@ -143,7 +143,7 @@ def main() -> None:
             "patches": write(folder / "patches.possmap", patches()),
             "bands": write(folder / "bands.possmap", bands()),
         }
-        imports = "import possmap.app.render, possmap.cli.main"
+        imports = "import possmap.pictures.render, possmap.cli.main"
         start, memory = median(runs, [*python, "-c", imports])
         sys.stdout.write(f"{'seconds beyond start-up':<36}{'s':>9}{'peak MiB':>10}\n")
         say("start-up: imports", start, memory)

@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 
 from possmap.core.records import PartialMap, Pose, Wall
-from possmap.files.limits import Limits
-from possmap.files.logs import read_log
+from possmap.logs import read_log
+from possmap.settings.limits import Limits
 
 LEAST_M, OVERLAP_M, NEAR_M, BREAK_M, SIGHT_M = 5.0, 3.0, 3.0, 1.0, 2.5
 ASKEW = math.radians(25)

@@ -33,20 +33,20 @@ APART = 6 * 12.8
 """Metres between buildings: whole tiles at 5 cm, so that each is cut at its tiles alike."""
 
 STAGES = (
-    ("read and check logs", "possmap.app.fusing.inputs", "read"),
+    ("read and check logs", "possmap.fusing.inputs", "read"),
     ("correct, propagate, lay out", "possmap.core.evidence", "findings"),
     ("cut at the borders of tiles", "possmap.core.plan", "plan_excursion"),
-    ("rows of the ledger", "possmap.files.gridfile.rows", "excursion_rows"),
-    ("judge", "possmap.app.fusing.judge", "Judge.take"),
+    ("rows of the ledger", "possmap.grid.rows", "excursion_rows"),
+    ("judge", "possmap.fusing.judge", "Judge.take"),
     ("sort by tile", "possmap.core.plan", "by_tile"),
     ("sort by tile", "possmap.core.plan", "_work"),
-    ("read tiles", "possmap.files.gridfile.tiles", "TileStore.read"),
+    ("read tiles", "possmap.grid.tiles", "TileStore.read"),
     ("stamp", "possmap.core.fusion", "fuse_tile"),
-    ("encode", "possmap.files.gridfile.encoding", "encode"),
-    ("write tiles", "possmap.files.gridfile.tiles", "TileStore.put"),
-    ("write the ledger", "possmap.files.gridfile.ledger", "Ledger.add"),
-    ("write the ledger", "possmap.files.gridfile.arrivals", "Arrivals.add"),
-    ("commit, to the disk", "possmap.files.gridfile.database", "Database.execute"),
+    ("encode", "possmap.grid.encoding", "encode"),
+    ("write tiles", "possmap.grid.tiles", "TileStore.put"),
+    ("write the ledger", "possmap.grid.ledger", "Ledger.add"),
+    ("write the ledger", "possmap.grid.arrivals", "Arrivals.add"),
+    ("commit, to the disk", "possmap.grid.database", "Database.execute"),
 )
 """What the clock of a stage is put around; of ``Database.execute`` only COMMIT."""
 
@@ -230,7 +230,7 @@ class Clock:
 
 def put_clocks(clock: Clock) -> None:
     """Put the clock around every stage, wherever its function has been imported to."""
-    importlib.import_module("possmap.app.fuse")
+    importlib.import_module("possmap.fusing.fuse")
     for stage, module, name in STAGES:
         try:
             owner: Any = importlib.import_module(module)
@@ -255,7 +255,7 @@ def stages(folder: Path, runs: int, count: int) -> None:
     logs = write_logs(folder / "staged", range(count))
     clock = Clock()
     put_clocks(clock)
-    fuse = importlib.import_module("possmap.app.fuse").fuse
+    fuse = importlib.import_module("possmap.fusing.fuse").fuse
     laps: list[tuple[dict[str, float], dict[str, float]]] = []
     for number in range(runs + 1):
         clock.wall, clock.cpu = {}, {}

@@ -23,11 +23,11 @@ from pathlib import Path
 
 import numpy as np
 
-from possmap.files.mission import read_mission
-from possmap.files.settings_yaml import shipped
-from possmap.simulation.floor_plan import sides
-from possmap.simulation.mission import Mission
-from possmap.simulation.world import World
+from possmap.lab.simulate.floor_plan import sides
+from possmap.lab.simulate.mission import Mission
+from possmap.lab.simulate.mission_file import read_mission
+from possmap.lab.simulate.world import World
+from possmap.settings.settings_yaml import shipped
 
 OFFICE = shipped("missions/large-office.yaml")
 BEAMS, ROBOTS = 8, 10

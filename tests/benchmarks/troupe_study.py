@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 import possmap
-from possmap.app.simulate import simulate
+from possmap.lab.simulate.run import simulate
 
 MISSION = Path(__file__).parents[2] / "configs" / "missions" / "figure8.yaml"
 RESOLUTION = 0.1

@@ -10,11 +10,11 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from possmap.calibration.fleet import calibrate
-from possmap.calibration.trials import Trial
 from possmap.cli.calibrate import to_json
 from possmap.core.model import ErrorModel
-from possmap.pictures.calibration import sheet
+from possmap.lab.calibrate.fleet import calibrate
+from possmap.lab.calibrate.picture import sheet
+from possmap.lab.calibrate.trials import Trial
 
 
 @st.composite

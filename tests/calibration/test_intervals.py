@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from calibrated import FACTOR, PAPER, SPINS, Faults, trials
 
-from possmap.calibration.crossval import score
-from possmap.calibration.estimates import estimates
-from possmap.calibration.factor import limit_factor, rectangle_factor
-from possmap.calibration.heading import TERMS
-from possmap.calibration.model import fit_model, paper_model
-from possmap.calibration.rectangles import hold
+from possmap.lab.calibrate.crossval import score
+from possmap.lab.calibrate.estimates import estimates
+from possmap.lab.calibrate.factor import limit_factor, rectangle_factor
+from possmap.lab.calibrate.heading import TERMS
+from possmap.lab.calibrate.model import fit_model, paper_model
+from possmap.lab.calibrate.rectangles import hold
 
 REPETITIONS = 200
 LEAST = 0.95 - 3 * math.sqrt(0.95 * 0.05 / REPETITIONS)

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from calibrated import PAPER, SPINS, Faults, trials
 
-from possmap.calibration.fleet import calibrate
-from possmap.calibration.pieces import Outing, cut, without_mount
-from possmap.calibration.robot import Unusable, calibrate_robot
-from possmap.calibration.trials import Trial
-from possmap.calibration.verdict import verdict
-from possmap.calibration.walls import alignment, distances, sensor
 from possmap.core.model import ErrorModel
+from possmap.lab.calibrate.fleet import calibrate
+from possmap.lab.calibrate.pieces import Outing, cut, without_mount
+from possmap.lab.calibrate.robot import Unusable, calibrate_robot
+from possmap.lab.calibrate.trials import Trial
+from possmap.lab.calibrate.verdict import verdict
+from possmap.lab.calibrate.walls import alignment, distances, sensor
 
 PAPERS = Faults(turn_gain=0.0, drift=0.0, scale=1.0)
 

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from calibrated import PAPER, SPINS, Faults, trials
 
-from possmap.calibration.crossval import score
-from possmap.calibration.estimates import is_clear
-from possmap.calibration.model import chord_share, fit_model
-from possmap.calibration.persistence import persistence
-from possmap.calibration.pieces import Outing, cut
-from possmap.calibration.rectangles import hold
-from possmap.calibration.repeats import repeated
-from possmap.calibration.robot import Unusable, calibrate_robot
-from possmap.calibration.slips import without_slips
-from possmap.calibration.tracks import for_tracks
-from possmap.calibration.trials import Floats, Trial
-from possmap.calibration.verdict import verdict
 from possmap.core.model import ErrorModel
+from possmap.lab.calibrate.crossval import score
+from possmap.lab.calibrate.estimates import is_clear
+from possmap.lab.calibrate.model import chord_share, fit_model
+from possmap.lab.calibrate.persistence import persistence
+from possmap.lab.calibrate.pieces import Outing, cut
+from possmap.lab.calibrate.rectangles import hold
+from possmap.lab.calibrate.repeats import repeated
+from possmap.lab.calibrate.robot import Unusable, calibrate_robot
+from possmap.lab.calibrate.slips import without_slips
+from possmap.lab.calibrate.tracks import for_tracks
+from possmap.lab.calibrate.trials import Floats, Trial
+from possmap.lab.calibrate.verdict import verdict
 
 
 def rng(seed: int = 1) -> np.random.Generator:

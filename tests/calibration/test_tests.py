@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from possmap.calibration.checks import independence, proportionality
-from possmap.calibration.normality import gap, normality, null_gaps
-from possmap.calibration.persistence import persistence
+from possmap.lab.calibrate.checks import independence, proportionality
+from possmap.lab.calibrate.normality import gap, normality, null_gaps
+from possmap.lab.calibrate.persistence import persistence
 
 
 @pytest.mark.parametrize(

@@ -21,18 +21,18 @@ from teams import ROBUST, fuse, write_logs
 from troupes import drive, logs_of, shipped_world
 
 import possmap
-from possmap.app import tallies
-from possmap.app.audit import Audit, audit
-from possmap.core.contradiction import Crowd, Tally, committed, compare
+from possmap.budget import LEAST_MIB, Budget
 from possmap.core.evidence import Layer
 from possmap.core.fusion import CERTAIN, WEIGHT, blank
 from possmap.core.lattice import TILE, TileKey, tile_window
-from possmap.core.outliers import FEWEST, LEAST_SPREAD, Others
 from possmap.core.patches import Crop, Patch, spread
 from possmap.core.pyramid import FULL
 from possmap.errors import BudgetError
-from possmap.files.budget import LEAST_MIB, Budget
-from possmap.files.gridfile.ledger import Entry
+from possmap.grid.ledger import Entry
+from possmap.inspection import tallies
+from possmap.inspection.audit import Audit, audit
+from possmap.inspection.contradiction import Crowd, Tally, committed, compare
+from possmap.inspection.outliers import FEWEST, LEAST_SPREAD, Others
 
 Log = dict[str, Any]
 PROFILES: Mapping[str, Mapping[str, Any]] = {

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import possmap
-from possmap.app.diff import diff
-from possmap.app.diff_summary import Cells, Change
 from possmap.core.evidence import Layer
 from possmap.core.fusion import CERTAIN, TileLayers, blank
 from possmap.core.lattice import TILE, TileKey, Window
 from possmap.core.pyramid import FULL
 from possmap.core.settings import EvidenceSettings
-from possmap.files.gridfile.grid import Grid
+from possmap.grid.grid import Grid
+from possmap.inspection.diff import diff
+from possmap.inspection.diff_summary import Cells, Change
 
 APART = {0.05: 20, 0.3: 4, 2.0: 1}
 """Cells between changes that are named, by resolution: at least 1 m."""

@@ -17,13 +17,13 @@ from literal.teams import Log, random_team
 from teams import ROBUST, digest, flat_settings, fuse, write_logs
 
 import possmap
-from possmap.app.forget import ForgetSummary, Target, forget, recall
-from possmap.app.repair import repair
-from possmap.app.settings import Request, in_force
-from possmap.app.verify import verify
 from possmap.core.lattice import TileKey
 from possmap.errors import GridError
-from possmap.files.gridfile.grid import Grid
+from possmap.fusing.forget import ForgetSummary, Target, forget, recall
+from possmap.fusing.repair import repair
+from possmap.grid.grid import Grid
+from possmap.inspection.verify import verify
+from possmap.settings.request import Request, in_force
 
 INDEPENDENCES = ("detection", "excursion")
 SEEDS = [
@@ -80,7 +80,7 @@ class Team:
 
 
 def asked(settings: dict[str, Any]) -> dict[str, Any]:
-    from possmap.files.setting_table import parse_setting
+    from possmap.settings.setting_table import parse_setting
 
     return {
         name: parse_setting(name, str(value).lower() if value in (True, False) else str(value), "")
@@ -197,9 +197,9 @@ def test_what_is_forgotten_does_not_come_in_again_with_the_same_logs(
 def test_tile_by_tile_and_laid_out_again_each_time_it_comes_to_the_same(
     seed: int, independence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("possmap.app.withdraw._DENIALS_BYTES", 2**62)
-    monkeypatch.setattr("possmap.app.refuse.KEPT", 2**62)
-    monkeypatch.setattr("possmap.app.refuse.GATHERED", 2**62)
+    monkeypatch.setattr("possmap.fusing.withdraw._DENIALS_BYTES", 2**62)
+    monkeypatch.setattr("possmap.fusing.refuse.KEPT", 2**62)
+    monkeypatch.setattr("possmap.fusing.refuse.GATHERED", 2**62)
     team = Team(300 + seed, independence, tmp_path)
     target = Target(team.excursions[0][0])
     grid = team.copy()
@@ -209,8 +209,8 @@ def test_tile_by_tile_and_laid_out_again_each_time_it_comes_to_the_same(
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from possmap.app.forget import Target, forget
-from possmap.files.gridfile.arrivals import Arrivals
+from possmap.fusing.forget import Target, forget
+from possmap.grid.arrivals import Arrivals
 
 def kill(self):
     self._database.execute("PRAGMA cache_size = 1")  # so that pages reach the file

@@ -32,8 +32,8 @@ from possmap.core.propagation import PoseError, StretchErrors, propagate
 from possmap.core.records import PartialMap, Pose, Record, Wall
 from possmap.core.settings import Estimator, EvidenceSettings
 from possmap.core.track import stretches
-from possmap.core.work import works_of
-from possmap.simulation.logbook import Logbook
+from possmap.fusing.work import works_of
+from possmap.lab.simulate.logbook import Logbook
 
 metres = st.floats(-20, 20)
 degrees = st.floats(-720, 720)

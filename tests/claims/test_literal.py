@@ -18,9 +18,9 @@ from possmap.core.estimators import at_start
 from possmap.core.propagation import propagate
 from possmap.core.records import Pose
 from possmap.core.track import stretches
-from possmap.files.limits import Limits
-from possmap.files.logs import read_log
-from possmap.files.settings import assemble
+from possmap.logs import read_log
+from possmap.settings.limits import Limits
+from possmap.settings.settings import assemble
 
 TEAMS = 300
 GROUPS = 10

@@ -24,9 +24,9 @@ from versions import (
 )
 
 import possmap
-from possmap.app.fuse import FuseSummary
 from possmap.errors import SettingsError
-from possmap.files.gridfile.ledger import Arrival
+from possmap.fusing.fuse import FuseSummary
+from possmap.grid.ledger import Arrival
 
 
 def merged(logs: Sequence[Path], grid: Path, settings: dict[str, Any]) -> FuseSummary:

@@ -12,7 +12,7 @@ from possmap.core.lattice import TileKey, Window
 from possmap.core.propagation import ErrorRectangle
 from possmap.core.pyramid import FULL, Values
 from possmap.core.stamping import Piece, extent, pieces_of, stamp
-from possmap.core.work import segment_work
+from possmap.fusing.work import segment_work
 
 halves = st.floats(0, 1.2)
 resolutions = st.sampled_from([0.05, 0.1, 0.25])

@@ -17,9 +17,9 @@ from possmap.core.pyramid import relevant, stamps
 from possmap.core.records import Beam, PartialMap, Pose, Record, Wall
 from possmap.core.settings import EvidenceSettings
 from possmap.core.stamping import extent, pieces_of
-from possmap.core.work import TILE_WORK, most_work, segment_work, tiles_of, works_of
-from possmap.files.limits import Limits
-from possmap.files.logs import Parcel
+from possmap.fusing.work import TILE_WORK, most_work, segment_work, tiles_of, works_of
+from possmap.logs import Parcel
+from possmap.settings.limits import Limits
 
 SURE = ErrorModel(along=0, across=0, turn_spread=0, max_error=10_000)
 LIMITS = Limits()

@@ -12,10 +12,10 @@ from hypothesis import settings as budget
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from possmap.simulation.floor_plan import Wall, sides, united
-from possmap.simulation.generate import CORRIDOR, DOOR, PASSAGE, ROOM, Office, office
-from possmap.simulation.reachable import ENOUGH, check_home, reachable_area
-from possmap.simulation.world import World
+from possmap.lab.simulate.floor_plan import Wall, sides, united
+from possmap.lab.simulate.generate import CORRIDOR, DOOR, PASSAGE, ROOM, Office, office
+from possmap.lab.simulate.reachable import ENOUGH, check_home, reachable_area
+from possmap.lab.simulate.world import World
 
 NO_DROPS = np.empty((0, 4))
 FINE = 0.01

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-import possmap.app.tallies
+import possmap.inspection.tallies
 from possmap.cli.main import main
 
 # Robots without errors on cells of 0.5 m. Honest ones drive along row 0, columns 0 to 9; the liar
@@ -196,7 +196,7 @@ def test_wrong_options_are_wrong_usage(args: tuple[str, ...], message: str, site
 def test_excursions_that_do_not_fit_are_refused_before_they_are_laid_out(
     site: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(possmap.app.tallies, "_RECORD_BYTES", 1 << 24)
+    monkeypatch.setattr(possmap.inspection.tallies, "_RECORD_BYTES", 1 << 24)
     result = run("audit", site, "--memory", 256)
     assert (result.stdout, result.exit_code) == ("", 1)
     needed = re.fullmatch(

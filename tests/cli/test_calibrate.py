@@ -13,7 +13,7 @@ import yaml
 from click.testing import CliRunner, Result
 
 from possmap.cli.main import main
-from possmap.files.settings_yaml import read_settings
+from possmap.settings.settings_yaml import read_settings
 
 ROOT = Path(__file__).parents[2]
 REAL = ROOT.parent / "shared/realdata"

@@ -14,8 +14,8 @@ from click.testing import CliRunner, Result
 
 from possmap.cli.main import main
 from possmap.core.records import PartialMap, Pose, Wall
-from possmap.files.limits import Limits
-from possmap.files.logs import read_log
+from possmap.logs import read_log
+from possmap.settings.limits import Limits
 
 ROOT = Path(__file__).parents[2]
 SHARED = ROOT.parent / "shared/realdata"

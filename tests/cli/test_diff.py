@@ -14,7 +14,7 @@ from PIL import Image
 
 import possmap
 from possmap.cli.main import main
-from possmap.files.gridfile.pairs import TilePairs
+from possmap.inspection.pairs import TilePairs
 
 LOGS = sorted((Path(__file__).parents[2] / "data/json").iterdir())
 

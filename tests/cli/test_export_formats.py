@@ -17,9 +17,9 @@ from click.testing import CliRunner, Result
 from maps import cells_of, drawn_grid, write_grid
 
 from possmap.cli.main import main
-from possmap.files.exports.formats import FORMATS
-from possmap.files.exports.job import Choices
-from possmap.files.gridfile.grid import Grid
+from possmap.exports.formats import FORMATS
+from possmap.exports.job import Choices
+from possmap.grid.grid import Grid
 
 DRAWN = ["###", "#.?", "!?7"]
 SUFFIXES = list(FORMATS)

@@ -18,9 +18,9 @@ from click.testing import CliRunner, Result
 from teams import digest
 from versions import WHOLE, changed, fused_digest, log_of, prefix, written
 
-from possmap.app.fusing.admission import how_to_forget
 from possmap.cli.main import main
 from possmap.errors import printable
+from possmap.fusing.admission import how_to_forget
 from possmap.release import version
 
 ROOT = Path(__file__).parents[2]

@@ -77,7 +77,7 @@ def test_strict_refuses_more_than_it_can_hold_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("possmap.files.budget._RECORD_BYTES", 10**6)
+    monkeypatch.setattr("possmap.budget._RECORD_BYTES", 10**6)
     for number in range(9):
         Path(f"{number}.json").write_text(json.dumps(lawn(10, f"r{number}")))
     logs = [f"{number}.json" for number in range(9)]

@@ -15,7 +15,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from possmap.cli.main import main
-from possmap.files.gridfile.opening import EMPTY
+from possmap.grid.opening import EMPTY
 from possmap.release import version
 
 EXACT = {"along": 0, "across": 0, "turn_spread": 0}  # a robot that makes no errors

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-import possmap.app.info
+import possmap.inspection.info
 from possmap.cli.main import COMMANDS, main
 from possmap.core import kernel
 from possmap.errors import PossmapError
@@ -113,7 +113,7 @@ def test_an_error_of_the_input_is_one_line_and_exit_1(
     def refuse(path: Path, *more: object) -> None:
         raise PossmapError("this file is odd")
 
-    monkeypatch.setattr(possmap.app.info, "info", refuse)
+    monkeypatch.setattr(possmap.inspection.info, "info", refuse)
     (tmp_path / "site.possmap").touch()
     result = run("info", tmp_path / "site.possmap")
     assert (result.stderr, result.stdout) == ("possmap: this file is odd\n", "")
@@ -124,7 +124,7 @@ def test_a_bug_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
     def stumble(path: Path, *more: object) -> None:
         raise ZeroDivisionError("a bug")
 
-    monkeypatch.setattr(possmap.app.info, "info", stumble)
+    monkeypatch.setattr(possmap.inspection.info, "info", stumble)
     (tmp_path / "site.possmap").touch()
     with pytest.raises(ZeroDivisionError, match="a bug"):
         run("info", tmp_path / "site.possmap")

@@ -11,8 +11,8 @@ import pytest
 from click.testing import CliRunner, Result
 from PIL import Image
 
-import possmap.app.animate
-import possmap.app.render
+import possmap.pictures.animate
+import possmap.pictures.render
 from possmap.cli import render as cli_render
 from possmap.cli.main import main
 
@@ -251,8 +251,8 @@ def test_a_picture_that_fails_half_way_leaves_nothing_behind(
     if existing:
         out.write_text("precious")
     before = files(tmp_path)
-    monkeypatch.setattr(possmap.app.render, "write_png", fail)
-    monkeypatch.setattr(possmap.app.animate, "write_film", fail)
+    monkeypatch.setattr(possmap.pictures.render, "write_png", fail)
+    monkeypatch.setattr(possmap.pictures.animate, "write_film", fail)
     more = ("--animate", "excursion") if film else ()
     result = run("render", grid, "-o", out, "--overwrite", *more)
     assert result.exit_code == 1

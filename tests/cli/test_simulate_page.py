@@ -12,9 +12,9 @@ import pytest
 from click.testing import CliRunner
 
 from possmap.cli.main import main
-from possmap.files.mission import read_mission
-from possmap.files.worlds import KEYS
-from possmap.simulation.settings import MissionSettings
+from possmap.lab.simulate.mission_file import read_mission
+from possmap.lab.simulate.settings import MissionSettings
+from possmap.lab.simulate.worlds import KEYS
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/simulate.md").read_text(encoding="utf-8")

@@ -360,7 +360,7 @@ def test_more_tiles_than_a_sample_are_fused_again_only_with_full(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("possmap.app.verify.SAMPLE", 2)
+    monkeypatch.setattr("possmap.inspection.verify.SAMPLE", 2)
     assert run("fuse", str(DATA), "-g", "site.possmap").exit_code == 0
     some = json.loads(run("verify", "site.possmap", "--json").stdout)
     everything = json.loads(run("verify", "site.possmap", "--full", "--json").stdout)

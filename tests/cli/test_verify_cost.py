@@ -14,9 +14,9 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-from possmap.app import refuse
 from possmap.cli.main import main
-from possmap.files.gridfile.database import Database
+from possmap.fusing import refuse
+from possmap.grid.database import Database
 
 MANY = 70
 """Excursions, more than the 64 that were once kept laid out."""

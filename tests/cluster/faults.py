@@ -7,8 +7,8 @@ import os
 import signal
 from typing import Any
 
-from possmap.app.fusing.cluster import tasks
-from possmap.app.fusing.stages import Read, ReadTask
+from possmap.fusing.cluster import tasks
+from possmap.fusing.stages import Read, ReadTask
 
 FAULTS = os.environ["FAULTS"].split()
 _read_logs = tasks.read_logs

@@ -14,14 +14,14 @@ from literal.teams import random_excursion
 from teams import digest, write_logs
 
 import possmap
-from possmap.app.fuse import fuse
-from possmap.app.fusing.cluster import client
-from possmap.app.settings import Request
 from possmap.cli.main import main
 from possmap.errors import MissingExtra, WorkerError
-from possmap.files.gridfile.ledger import Ledger
-from possmap.files.gridfile.rows import ExcursionRows
-from possmap.files.setting_table import parse_setting
+from possmap.fusing.cluster import client
+from possmap.fusing.fuse import fuse
+from possmap.grid.ledger import Ledger
+from possmap.grid.rows import ExcursionRows
+from possmap.settings.request import Request
+from possmap.settings.setting_table import parse_setting
 
 pytest.importorskip("distributed")
 
@@ -199,7 +199,7 @@ def test_a_worker_with_another_possmap_or_none_is_named(
 
 
 def test_a_worker_of_another_version_that_joins_later_stamps_nothing() -> None:
-    from possmap.app.fusing.cluster.tasks import run_as
+    from possmap.fusing.cluster.tasks import run_as
 
     assert run_as(possmap.version(), sum, (1, 2)) == 3
     with pytest.raises(WorkerError, match=r"a worker has possmap .*, and this process has 9"):

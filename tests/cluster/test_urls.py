@@ -16,10 +16,10 @@ from click.testing import CliRunner, Result
 from literal.teams import random_excursion
 from teams import digest
 
-from possmap.app.fusing import urls
 from possmap.cli.main import main
 from possmap.errors import MissingExtra
-from possmap.files.limits import Limits
+from possmap.fusing import urls
+from possmap.settings.limits import Limits
 
 fsspec = pytest.importorskip("fsspec")
 

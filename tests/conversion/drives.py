@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from possmap.conversion.samples import Floats, Mount, Samples
+from possmap.lab.convert.samples import Floats, Mount, Samples
 
 Wall = tuple[float, float, float, float]
 

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from conversion.drives import SIDES, drive, samples
 
-from possmap.conversion import convert as convert_module
-from possmap.conversion.convert import Outcome, Place, convert
-from possmap.conversion.orthogonal import Alignment, align
-from possmap.conversion.samples import Mount, Samples
-from possmap.conversion.settings import ConvertSettings
-from possmap.conversion.tally import Tally
 from possmap.core.records import PartialMap
-from possmap.files.logs.fields import record_of
+from possmap.lab.convert import convert as convert_module
+from possmap.lab.convert.convert import Outcome, Place, convert
+from possmap.lab.convert.orthogonal import Alignment, align
+from possmap.lab.convert.samples import Mount, Samples
+from possmap.lab.convert.settings import ConvertSettings
+from possmap.lab.convert.tally import Tally
+from possmap.logs.fields import record_of
 
 HALL = [
     (0.0, 0.0, 8.0, 0.0), (8.0, 0.0, 8.0, 6.0), (8.0, 6.0, 0.0, 6.0), (0.0, 6.0, 0.0, 0.0),

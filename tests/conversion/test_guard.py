@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from possmap.conversion.guard import REPLACED, JumpGuard
-from possmap.conversion.tally import Tally
+from possmap.lab.convert.guard import REPLACED, JumpGuard
+from possmap.lab.convert.tally import Tally
 
 T = np.arange(100) / 10
 STEADY = np.column_stack([0.5 * T, np.zeros(100)])

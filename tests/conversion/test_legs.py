@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from conversion.drives import samples
 
-from possmap.conversion.legs import BEFORE_REFERENCE, Piece, Reference, legs
-from possmap.conversion.samples import Floats, Samples, joined
-from possmap.conversion.tally import Tally
+from possmap.lab.convert.legs import BEFORE_REFERENCE, Piece, Reference, legs
+from possmap.lab.convert.samples import Floats, Samples, joined
+from possmap.lab.convert.tally import Tally
 
 
 def track(count: int = 101, step: float = 0.1) -> Samples:

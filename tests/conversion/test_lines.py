@@ -10,12 +10,12 @@ from conversion.drives import SIDES, drive, samples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from possmap.conversion.corners import corners
-from possmap.conversion.hits import ECHOES, Hits, hits, without_echoes
-from possmap.conversion.lines import FittedWall, fitted, walls_of
-from possmap.conversion.samples import Floats, Ints, Mount, Samples, off_segment
-from possmap.conversion.settings import ConvertSettings
-from possmap.conversion.tally import Tally
+from possmap.lab.convert.corners import corners
+from possmap.lab.convert.hits import ECHOES, Hits, hits, without_echoes
+from possmap.lab.convert.lines import FittedWall, fitted, walls_of
+from possmap.lab.convert.samples import Floats, Ints, Mount, Samples, off_segment
+from possmap.lab.convert.settings import ConvertSettings
+from possmap.lab.convert.tally import Tally
 
 SETTINGS = ConvertSettings()
 RIGHT, AHEAD, LEFT = 0, 1, 2

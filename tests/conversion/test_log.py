@@ -11,8 +11,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from possmap.conversion.log import LogBuilder
 from possmap.core.angles import wrap_degrees
+from possmap.lab.convert.log import LogBuilder
 
 
 def poses(halts: Sequence[tuple[float, float, float]], **given: Any) -> list[dict[str, Any]]:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from possmap.conversion.medians import MOST, median, repeated_medians
+from possmap.lab.convert.medians import MOST, median, repeated_medians
 
 places = st.integers(-50, 50).map(lambda n: n / 8)
 points = st.lists(st.tuples(places, places), min_size=2, max_size=12)

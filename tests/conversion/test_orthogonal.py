@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from possmap.conversion.orthogonal import (
+from possmap.lab.convert.orthogonal import (
     GATE,
     PROCESS,
     QUARTER,

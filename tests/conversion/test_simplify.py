@@ -9,8 +9,8 @@ from conversion.drives import samples
 from hypothesis import given
 from hypothesis import strategies as st
 
-from possmap.conversion.samples import Samples
-from possmap.conversion.simplify import outline
+from possmap.lab.convert.samples import Samples
+from possmap.lab.convert.simplify import outline
 
 WIDE = math.radians(1e6)
 

@@ -13,9 +13,9 @@ from pathlib import Path
 from crash.batches import Batch, journal, sources
 from crash.child import Ended, run
 
-from possmap.app.verify import verify
 from possmap.errors import PossmapError
-from possmap.files.gridfile.database import Database
+from possmap.grid.database import Database
+from possmap.inspection.verify import verify
 
 
 class Broken(AssertionError):

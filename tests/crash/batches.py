@@ -15,8 +15,8 @@ from crash.child import Ended
 from literal.teams import random_excursion
 from teams import digest, write_logs
 
-from possmap.app.simulate import simulate
-from possmap.files.settings_yaml import shipped
+from possmap.lab.simulate.run import simulate
+from possmap.settings.settings_yaml import shipped
 
 FINE = ("--set", "max_error=0.8", "--resolution", "0.05")
 

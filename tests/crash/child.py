@@ -18,14 +18,15 @@ from typing import Any, NoReturn
 from crash import shim
 from crash.shim import Op, Strike
 
-# All that a command imports late is imported here, so that no child has to.
-import possmap.app.fuse
-import possmap.app.info
 import possmap.cli.fuse
 import possmap.cli.main
 import possmap.cli.progress
 import possmap.core.kernel
-from possmap.files.gridfile.database import Database
+
+# All that a command imports late is imported here, so that no child has to.
+import possmap.fusing.fuse
+import possmap.inspection.info
+from possmap.grid.database import Database
 
 
 class Phase(IntEnum):

@@ -19,7 +19,7 @@ from crash.batches import Batch, journal
 from crash.child import run
 from crash.shim import Op, Strike
 
-from possmap.files.gridfile.database import Database
+from possmap.grid.database import Database
 
 BLOCK = 4096
 GRID, JOURNAL, FOLDER = 1, 2, 3  # as in shim.c

@@ -16,10 +16,10 @@ from literal.teams import random_excursion
 from teams import digest, write_logs
 
 import possmap
-from possmap.app.repair import repair
 from possmap.errors import GridError
-from possmap.files.gridfile import database, opening
-from possmap.files.gridfile.database import Database, check_file, journal_of
+from possmap.fusing.repair import repair
+from possmap.grid import database, opening
+from possmap.grid.database import Database, check_file, journal_of
 
 PACKAGE = Path(possmap.__file__).parent
 

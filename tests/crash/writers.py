@@ -18,8 +18,8 @@ from crash.aftermath import Tally, promise
 from crash.batches import FINE, Batch, outings
 from crash.child import Child, run
 
-from possmap.app.verify import verify
-from possmap.files.gridfile import database
+from possmap.grid import database
+from possmap.inspection.verify import verify
 
 SOON_S = 60.0
 """How long a busy machine may take for what is soon."""

@@ -17,10 +17,10 @@ from possmap.core.model import ErrorModel
 from possmap.core.pyramid import FULL, count_of, relevant
 from possmap.core.records import Beam, PartialMap, Pose, Record, Wall
 from possmap.core.settings import EvidenceSettings
-from possmap.evaluation.bayes import BayesSettings, bayes, probability
-from possmap.evaluation.local import strongest
-from possmap.evaluation.smeared import SmearSettings, bayes_smeared
-from possmap.evaluation.strokes import Outing, floor_cells, strokes
+from possmap.lab.evaluate.bayes import BayesSettings, bayes, probability
+from possmap.lab.evaluate.local import strongest
+from possmap.lab.evaluate.smeared import SmearSettings, bayes_smeared
+from possmap.lab.evaluate.strokes import Outing, floor_cells, strokes
 
 SURE = ErrorModel(along=0, across=0, turn_spread=0)
 C = 0.1

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from possmap.core.lattice import Window
-from possmap.evaluation.exam import Exam
-from possmap.evaluation.proper import brier, calibration_bins, log_score
-from possmap.evaluation.ranking import Ranking
-from possmap.evaluation.reliability import by_necessity, by_possibility
-from possmap.evaluation.true_map import TrueMap, true_map
+from possmap.lab.evaluate.exam import Exam
+from possmap.lab.evaluate.proper import brier, calibration_bins, log_score
+from possmap.lab.evaluate.ranking import Ranking
+from possmap.lab.evaluate.reliability import by_necessity, by_possibility
+from possmap.lab.evaluate.true_map import TrueMap, true_map
 
 values = st.sampled_from([0.0, 0.1, 0.25, 0.5, 0.75, 1.0])
 

@@ -11,11 +11,11 @@ from possmap.core.lattice import Window
 from possmap.core.model import ErrorModel
 from possmap.core.records import PartialMap, Pose
 from possmap.core.settings import EvidenceSettings
-from possmap.evaluation.distance import squared_distances
-from possmap.evaluation.raster import cells_of
-from possmap.evaluation.reference import true_walls
-from possmap.evaluation.tracks import apart, matched, rectangles, track_errors
-from possmap.files.logs.fields import record_of
+from possmap.lab.evaluate.distance import squared_distances
+from possmap.lab.evaluate.raster import cells_of
+from possmap.lab.evaluate.reference import true_walls
+from possmap.lab.evaluate.tracks import apart, matched, rectangles, track_errors
+from possmap.logs.fields import record_of
 
 
 def straight(ends: list[tuple[float, float]]) -> PartialMap:

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from possmap.core.lattice import Window
-from possmap.evaluation.distance import disc, limit, reach_of, squared_distances
-from possmap.evaluation.raster import Segments, cells_of, extent_of
-from possmap.evaluation.regions import Regions
-from possmap.evaluation.true_map import TrueMap, true_map
+from possmap.lab.evaluate.distance import disc, limit, reach_of, squared_distances
+from possmap.lab.evaluate.raster import Segments, cells_of, extent_of
+from possmap.lab.evaluate.regions import Regions
+from possmap.lab.evaluate.true_map import TrueMap, true_map
 
 maps = arrays(np.bool_, st.tuples(st.integers(1, 9), st.integers(1, 9)))
 

@@ -15,8 +15,8 @@ from click.testing import CliRunner, Result
 
 from possmap.cli.main import main
 from possmap.errors import GridError
-from possmap.files.gridfile import database
-from possmap.files.gridfile.grid import Grid
+from possmap.grid import database
+from possmap.grid.grid import Grid
 
 DATA = Path(__file__).parents[2] / "data" / "json"
 MAGIC = bytes.fromhex("d9d505f920a163d7")
@@ -148,7 +148,7 @@ def test_a_grid_in_wal_mode_that_cannot_be_opened_says_so(
     assert run("info", "closed/site.possmap").exit_code == 0, "one who may write may read"
     refused = "attempt to write a readonly database"  # tests may run as root, who may all
     with monkeypatch.context() as patch:
-        patch.setattr("possmap.files.gridfile.database.sqlite3.connect", refuse(refused))
+        patch.setattr("possmap.grid.database.sqlite3.connect", refuse(refused))
         result = run("info", "closed/site.possmap")
     assert result.exit_code == 1
     assert result.stderr == (

@@ -9,8 +9,8 @@ from contextlib import closing
 
 import pytest
 
-from possmap.files.gridfile import bounds
-from possmap.files.gridfile.bounds import Bounds
+from possmap.grid import bounds
+from possmap.grid.bounds import Bounds
 
 COUNT = "WITH RECURSIVE n (n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM n WHERE n < ?) "
 MANY = 10**9

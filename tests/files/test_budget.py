@@ -15,7 +15,7 @@ from maps import drawn_grid
 from teams import write_logs
 
 import possmap
-from possmap.app.render import Look, render
+from possmap.budget import LEAST_MIB, Budget
 from possmap.cli.main import main
 from possmap.core.evidence import Layer
 from possmap.core.fusion import CERTAIN, TileLayers, blank
@@ -23,10 +23,10 @@ from possmap.core.lattice import TILE, TileKey, Window
 from possmap.core.patches import extent_of
 from possmap.core.settings import EvidenceSettings
 from possmap.errors import BudgetError
-from possmap.files.budget import LEAST_MIB, Budget
-from possmap.files.gridfile.grid import Grid
+from possmap.grid.grid import Grid
 from possmap.pictures import raster
 from possmap.pictures.raster import Raster
+from possmap.pictures.render import Look, render
 from possmap.pictures.thinning import Points, Track
 
 DATA = Path(__file__).parents[2] / "data" / "json"
@@ -285,7 +285,7 @@ def test_excursions_too_many_to_list_are_refused(tmp_path: Path) -> None:
     grid = tmp_path / "site.possmap"
     possmap.fuse(write_logs(tmp_path / "logs", logs), grid)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("possmap.app.info._EXCURSION_BYTES", 1 << 28)
+        patch.setattr("possmap.inspection.info._EXCURSION_BYTES", 1 << 28)
         result = run("info", grid)
         assert (result.exit_code, result.stdout) == (1, "")
         assert result.stderr == (

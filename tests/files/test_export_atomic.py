@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from possmap.atomic import replacing_all
 from possmap.errors import OutputError
-from possmap.files.atomic import replacing_all
 
 
 def names(folder: Path) -> list[str]:

@@ -13,9 +13,9 @@ from hypothesis import settings as budget
 from hypothesis import strategies as st
 from maps import Pairs, drawn_grid, write_grid
 
-from possmap.app.export import export
-from possmap.files.exports import cells_csv
-from possmap.files.gridfile.grid import Grid
+from possmap.exports import cells_csv
+from possmap.exports.run import export
+from possmap.grid.grid import Grid
 
 HEAD = ["row", "column", "x", "y", "necessity", "possibility", "points"]
 

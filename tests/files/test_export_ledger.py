@@ -18,12 +18,12 @@ from maps import drawn_grid
 from PIL import Image, ImageDraw
 from teams import fuse, write_logs
 
-from possmap.app.export import export
 from possmap.core.evidence import Geometry
 from possmap.core.propagation import ErrorRectangle
-from possmap.files.exports.job import Choices
-from possmap.files.exports.ledger_shapes import swept
-from possmap.files.gridfile.grid import Grid
+from possmap.exports.job import Choices
+from possmap.exports.ledger_shapes import swept
+from possmap.exports.run import export
+from possmap.grid.grid import Grid
 
 MODEL = {"along": 0.01, "across": 0.02, "turn_spread": 0}
 LOGS: list[dict[str, Any]] = [

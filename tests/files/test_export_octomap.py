@@ -11,12 +11,12 @@ import pyoctomap  # type: ignore[import-untyped]
 import pytest
 from maps import cells_of, drawn_grid, write_grid
 
-from possmap.app.export import export
 from possmap.core.views import probability
 from possmap.errors import OutputError
-from possmap.files.exports import octomap
-from possmap.files.exports.job import Choices
-from possmap.files.gridfile.grid import Grid
+from possmap.exports import octomap
+from possmap.exports.job import Choices
+from possmap.exports.run import export
+from possmap.grid.grid import Grid
 
 DRAWN = ["#####", "#.??#", "3.!.7"]
 C = 0.5

@@ -11,9 +11,9 @@ from hypothesis import settings as budget
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from possmap.files.exports import outline
-from possmap.files.exports.bands import Marks
-from possmap.files.exports.outline import Polygon, Ring, TooManyCornersError, polygons
+from possmap.exports import outline
+from possmap.exports.bands import Marks
+from possmap.exports.outline import Polygon, Ring, TooManyCornersError, polygons
 
 masks = arrays(np.bool_, array_shapes(min_dims=2, max_dims=2, max_side=9))
 

@@ -9,10 +9,10 @@ import pytest
 from maps import cells_of, drawn_grid, write_grid
 from PIL import Image
 
-from possmap.app.export import export
-from possmap.files.exports import bands
-from possmap.files.exports.job import LAYERS, Choices
-from possmap.files.gridfile.grid import Grid
+from possmap.exports import bands
+from possmap.exports.job import LAYERS, Choices
+from possmap.exports.run import export
+from possmap.grid.grid import Grid
 
 DRAWN = ["3#..?", "?!7.?", "????9"]
 

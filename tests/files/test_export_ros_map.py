@@ -16,13 +16,13 @@ from hypothesis import strategies as st
 from maps import PAIRS, Pairs, cells_of, drawn_grid, write_grid
 from PIL import Image
 
-from possmap.app.export import export
 from possmap.core.views import probability
-from possmap.files.exports import bands
-from possmap.files.exports.job import MODES, Choices
-from possmap.files.gridfile.grid import Grid
-from possmap.files.mission import read_mission
-from possmap.files.plans import read_ros_map
+from possmap.exports import bands
+from possmap.exports.job import MODES, Choices
+from possmap.exports.run import export
+from possmap.grid.grid import Grid
+from possmap.lab.simulate.mission_file import read_mission
+from possmap.truth.plans import read_ros_map
 
 DRAWN = [
     "#####?",

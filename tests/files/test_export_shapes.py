@@ -12,12 +12,12 @@ from hypothesis import settings as budget
 from hypothesis import strategies as st
 from maps import Pairs, cells_of, write_grid
 
-from possmap.app.export import export
 from possmap.errors import OutputError
-from possmap.files.exports import shapes
-from possmap.files.exports.job import Choices, Job
-from possmap.files.exports.outline import Polygon
-from possmap.files.gridfile.grid import Grid
+from possmap.exports import shapes
+from possmap.exports.job import Choices, Job
+from possmap.exports.outline import Polygon
+from possmap.exports.run import export
+from possmap.grid.grid import Grid
 
 # Beside and on the borders of tiles, with tiles left out between, below and above (0, 0).
 places = st.sampled_from([-700, -600, -257, -256, -255, -1, 0, 1, 254, 255, 256, 257, 1000])
@@ -87,7 +87,7 @@ def test_more_rows_or_columns_than_fit_in_memory_are_refused(
 def test_an_outline_that_is_too_jagged_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("possmap.files.exports.outline.MOST_CORNERS", 7)
+    monkeypatch.setattr("possmap.exports.outline.MOST_CORNERS", 7)
     grid = write_grid(tmp_path / "site.possmap", cells_of(["#?#"]))
     for suffix in (".svg", ".dxf", ".geojson"):
         with pytest.raises(OutputError, match=r"outlines of more than .* corners, expected fewer"):

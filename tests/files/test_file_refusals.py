@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from possmap.errors import LogError
-from possmap.files.limits import Limits
-from possmap.files.logs import read_log, read_stdin
+from possmap.logs import read_log, read_stdin
+from possmap.settings.limits import Limits
 
 LIMITS = Limits()
 SMALL = Limits(limit_file_mib=1 / 1024)  # 1024 bytes

@@ -16,9 +16,9 @@ import pytest
 from teams import write_logs
 
 import possmap
-from possmap.app.forget import Target, forget
 from possmap.errors import GridError
-from possmap.files.gridfile.bounds import CELLS, SHORT
+from possmap.fusing.forget import Target, forget
+from possmap.grid.bounds import CELLS, SHORT
 
 DATA = Path(__file__).parents[2] / "data" / "json"
 LEVELS = 4

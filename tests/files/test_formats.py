@@ -17,8 +17,8 @@ from versions import log_of
 import possmap
 from possmap.cli.main import main
 from possmap.errors import GridError
-from possmap.files.gridfile.database import FORMAT_VERSION
-from possmap.files.gridfile.grid import Grid
+from possmap.grid.database import FORMAT_VERSION
+from possmap.grid.grid import Grid
 
 FIXTURES = Path(__file__).parent / "fixtures"
 DATA = Path(__file__).parents[2] / "data"
@@ -126,7 +126,7 @@ def test_what_is_not_known_to_an_old_file_does_not_upgrade_it(tmp_path: Path) ->
 
 KILLED = """
 import os, signal, sys
-from possmap.files.gridfile.grid import Grid
+from possmap.grid.grid import Grid
 grid = Grid(sys.argv[1], write=True)
 with grid.transaction():
     grid._database.execute("PRAGMA cache_size = 1")  # so that pages reach the file before COMMIT

@@ -21,16 +21,16 @@ from literal.teams import random_excursion
 from teams import digest, flat_settings, write_logs
 
 import possmap
+from possmap.atomic import replacing
 from possmap.core.evidence import Layer
 from possmap.core.fusion import LayerArray, TileLayers, blank
 from possmap.core.lattice import TILE, TileKey, Window, tile_window
 from possmap.core.settings import NO_ROBOTS, EvidenceSettings
 from possmap.errors import OutputError
-from possmap.files.atomic import replacing
-from possmap.files.gridfile.encoding import decode, encode
-from possmap.files.gridfile.grid import Grid
-from possmap.files.limits import Limits
-from possmap.files.logs import read_log
+from possmap.grid.encoding import decode, encode
+from possmap.grid.grid import Grid
+from possmap.logs import read_log
+from possmap.settings.limits import Limits
 
 DATA = Path(__file__).parents[2] / "data" / "json"
 

@@ -18,7 +18,7 @@ from teams import digest, flat_settings, write_logs
 
 import possmap
 from possmap.cli.main import main
-from possmap.files.gridfile import database
+from possmap.grid import database
 
 
 class Outcome(NamedTuple):
@@ -263,7 +263,7 @@ def test_single_bytes_that_changed_never_end_in_a_traceback(tmp_path: Path) -> N
 
 KILLED = """
 import os, signal, sys
-from possmap.files.gridfile.grid import Grid
+from possmap.grid.grid import Grid
 grid = Grid(sys.argv[1], write=True)
 with grid.transaction():
     grid._database.execute("PRAGMA cache_size = 1")  # so that pages reach the file before COMMIT

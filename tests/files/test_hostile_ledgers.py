@@ -17,11 +17,11 @@ from versions import SETTINGS, WHOLE, changed, log_of, outcomes, prefix, written
 import possmap
 from possmap.core.records import PartialMap, Pose, Wall
 from possmap.errors import GridError
-from possmap.files.gridfile.grid import Grid
-from possmap.files.gridfile.rows import excursion_hash
-from possmap.files.logs.delivery import path_text
-from possmap.files.logs.fields import Fault
-from possmap.files.logs.rechecking import rechecked
+from possmap.grid.grid import Grid
+from possmap.grid.rows import excursion_hash
+from possmap.logs.delivery import path_text
+from possmap.logs.fields import Fault
+from possmap.logs.rechecking import rechecked
 
 WHOSE = "old.possmap: damaged: excursion a of robot r1: "
 CORNER = {"seq": 6, "kind": "corner", "x": 1.0, "y": 1.0, "corner": "convex"}

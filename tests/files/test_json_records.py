@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from possmap.files.logs.fields import Fault, RepeatedKey
-from possmap.files.logs.json_text import SHORT, JsonSyntaxError, JsonText
+from possmap.logs.fields import Fault, RepeatedKey
+from possmap.logs.json_text import SHORT, JsonSyntaxError, JsonText
 
 keys = st.sampled_from(["x", "y", "seq", "kind", 'a"b', "a:b"])
 leaves = (

@@ -22,7 +22,7 @@ from possmap.core.records import (
     Record,
     Wall,
 )
-from possmap.files.gridfile.rows import RECORD_COLUMNS, excursion_hash, record_of_row, record_rows
+from possmap.grid.rows import RECORD_COLUMNS, excursion_hash, record_of_row, record_rows
 
 numbers = st.floats(-1e6, 1e6)
 halves = st.floats(0, 1e6)

@@ -16,8 +16,8 @@ import pytest
 from literal.teams import Log, as_csv, as_jsonl, random_team
 
 from possmap.core.records import Beam, Corner, Meet, PartialMap, Pose, Record, Wall
-from possmap.files.limits import Limits
-from possmap.files.logs import LogFile, read_log, read_stdin
+from possmap.logs import LogFile, read_log, read_stdin
+from possmap.settings.limits import Limits
 
 LIMITS = Limits()
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from possmap.errors import LogError
-from possmap.files.limits import Limits
-from possmap.files.logs import read_log
+from possmap.logs import read_log
+from possmap.settings.limits import Limits
 
 HEADER = '{"possmap_log": 1, "robot": "r1", "excursion": "a"}'
 CARRIED = '{"robot": "r2", "excursion": "b"}'

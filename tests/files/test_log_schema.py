@@ -17,9 +17,9 @@ from jsonschema import Draft202012Validator
 from literal.teams import Log, as_jsonl, random_team
 
 from possmap.errors import LogError
-from possmap.files.limits import Limits
-from possmap.files.logs import read_log
-from possmap.files.logs.schema import text
+from possmap.logs import read_log
+from possmap.logs.schema import text
+from possmap.settings.limits import Limits
 
 SCHEMA = json.loads(text())
 VALIDATOR = Draft202012Validator(SCHEMA)

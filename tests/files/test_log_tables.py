@@ -11,8 +11,8 @@ import pytest
 from literal.teams import CSV_COLUMNS, as_csv, random_team
 
 from possmap.core.records import Meet, PartialMap, Pose, Wall
-from possmap.files.limits import Limits
-from possmap.files.logs import LogFile, read_log
+from possmap.logs import LogFile, read_log
+from possmap.settings.limits import Limits
 
 LIMITS = Limits()
 

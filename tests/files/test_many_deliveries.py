@@ -21,17 +21,17 @@ from teams import digest
 from versions import SETTINGS, log_of, outcomes, prefix, written
 
 import possmap
-from possmap.app.forget import Target, forget
-from possmap.app.fuse import fuse
-from possmap.app.fusing.admission import MOST_NAMED
+from possmap.budget import LEAST_MIB, Budget
 from possmap.core.records import PartialMap, Pose, Wall
-from possmap.files.budget import LEAST_MIB, Budget
-from possmap.files.gridfile.arrivals import Again, Arrivals, Event, Part, replayed
-from possmap.files.gridfile.forgotten import Bans, Forgotten
-from possmap.files.gridfile.grid import Grid
-from possmap.files.gridfile.rows import record_of_row
-from possmap.files.logs import Parcel
-from possmap.files.logs.delivery import Origin
+from possmap.fusing.admission import MOST_NAMED
+from possmap.fusing.forget import Target, forget
+from possmap.fusing.fuse import fuse
+from possmap.grid.arrivals import Again, Arrivals, Event, Part, replayed
+from possmap.grid.forgotten import Bans, Forgotten
+from possmap.grid.grid import Grid
+from possmap.grid.rows import record_of_row
+from possmap.logs import Parcel
+from possmap.logs.delivery import Origin
 
 MANY = 300
 AT = "2026-01-01T00:00:00+00:00"
@@ -51,7 +51,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     beginning = PartialMap.prefix
     monkeypatch.setattr(PartialMap, "prefix", copied)
     rows = counting(counts, "rows", record_of_row)
-    monkeypatch.setattr("possmap.files.gridfile.ledger.record_of_row", rows)
+    monkeypatch.setattr("possmap.grid.ledger.record_of_row", rows)
     return counts
 
 

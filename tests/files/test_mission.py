@@ -10,13 +10,13 @@ import pytest
 from PIL import Image
 
 from possmap.errors import SettingsError
-from possmap.files.limits import Limits
-from possmap.files.mission import Mission, read_mission
-from possmap.files.settings_yaml import shipped
-from possmap.files.truth import read_truth
-from possmap.simulation.floor_plan import united
-from possmap.simulation.reachable import reachable_area
-from possmap.simulation.settings import MissionSettings
+from possmap.lab.simulate.floor_plan import united
+from possmap.lab.simulate.mission_file import Mission, read_mission
+from possmap.lab.simulate.reachable import reachable_area
+from possmap.lab.simulate.settings import MissionSettings
+from possmap.settings.limits import Limits
+from possmap.settings.settings_yaml import shipped
+from possmap.truth.truth import read_truth
 
 MISSIONS = sorted(shipped("missions").glob("*.yaml"))
 DATA = Path(__file__).resolve().parents[2] / "data"

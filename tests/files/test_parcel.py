@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from possmap.core.records import Beam, Corner, Meet, PartialMap, Pose, Wall
-from possmap.files.limits import Limits
-from possmap.files.logs import Parcel, read_log
+from possmap.logs import Parcel, read_log
+from possmap.settings.limits import Limits
 
 numbers = st.floats(-1e6, 1e6)
 times = st.none() | numbers

@@ -18,7 +18,7 @@ from hypothesis.extra.numpy import arrays
 from PIL import Image
 
 from possmap.errors import SettingsError
-from possmap.files.plans import Plan, read_image, read_ros_map
+from possmap.truth.plans import Plan, read_image, read_ros_map
 
 REAL = Path(__file__).resolve().parents[3] / "shared" / "realdata" / "worlds"
 

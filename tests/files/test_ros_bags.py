@@ -16,13 +16,13 @@ import numpy as np
 import pytest
 from bags import BAG_LATER_S, FORMATS, START_S, Message, bag_ns, words_of, write_bag
 
-from possmap.conversion.samples import Mount, Samples, joined
-from possmap.conversion.tally import Tally
 from possmap.errors import RecordingError, SettingsError
-from possmap.files.recordings.mapping import Beam, Mapping, Readable, Scan, Table
-from possmap.files.recordings.rosbag.frames import UNKNOWN
-from possmap.files.recordings.rosbag.recording import Clock, open_bag
-from possmap.files.recordings.rosbag.topics import table_of
+from possmap.lab.convert.samples import Mount, Samples, joined
+from possmap.lab.convert.tally import Tally
+from possmap.lab.recordings.mapping import Beam, Mapping, Readable, Scan, Table
+from possmap.lab.recordings.rosbag.frames import UNKNOWN
+from possmap.lab.recordings.rosbag.recording import Clock, open_bag
+from possmap.lab.recordings.rosbag.topics import table_of
 
 REAL = Path(__file__).resolve().parents[3] / "shared" / "realdata" / "crazyflie"
 
@@ -533,7 +533,7 @@ def test_a_chunk_that_holds_too_much_is_not_unpacked(
     large = words.odometry(0.0, 0.0)
     large.child_frame_id = "x" * 20_000_000
     path = write_bag(tmp_path, form, [("/odom", bag_ns(0.0), large)], compression)
-    monkeypatch.setattr("possmap.files.recordings.rosbag.unpack.LARGEST_CHUNK", 1_000_000)
+    monkeypatch.setattr("possmap.lab.recordings.rosbag.unpack.LARGEST_CHUNK", 1_000_000)
     tracemalloc.start()
     try:
         assert "holds more than 1000000" in refusal(path)

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from bags import FORMATS, Message, Transform, bag_ns, words_of, write_bag
 
-from possmap.conversion.samples import Mount, joined
-from possmap.conversion.tally import Tally
 from possmap.errors import RecordingError, SettingsError
-from possmap.files.recordings.mapping import Mapping, Table
-from possmap.files.recordings.mapping_yaml import read_mapping
-from possmap.files.recordings.rosbag.frames import FAR, OTHER_BODY, TILTED, UNKNOWN, UNREADABLE
-from possmap.files.recordings.rosbag.recording import open_bag
-from possmap.files.recordings.rosbag.topics import table_of
+from possmap.lab.convert.samples import Mount, joined
+from possmap.lab.convert.tally import Tally
+from possmap.lab.recordings.mapping import Mapping, Table
+from possmap.lab.recordings.mapping_yaml import read_mapping
+from possmap.lab.recordings.rosbag.frames import FAR, OTHER_BODY, TILTED, UNKNOWN, UNREADABLE
+from possmap.lab.recordings.rosbag.recording import open_bag
+from possmap.lab.recordings.rosbag.topics import table_of
 
 SIDES = (-math.pi / 2, 0.0, math.pi / 2)
 TF = "/tf_static"

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from possmap.core.model import NEVER_NEGATIVE, PARAMETERS, POSITIVE
 from possmap.errors import SettingsError
-from possmap.files.logs.fields import NAME
-from possmap.files.setting_table import KNOWN, SHAPING, WIDEST
-from possmap.files.settings import Settings, assemble, to_yaml
-from possmap.files.settings_yaml import read_settings, shipped
+from possmap.logs.fields import NAME
+from possmap.settings.setting_table import KNOWN, SHAPING, WIDEST
+from possmap.settings.settings import Settings, assemble, to_yaml
+from possmap.settings.settings_yaml import read_settings, shipped
 
 LARGEST = 1e6
 

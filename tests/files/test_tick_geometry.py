@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from possmap.errors import RecordingError
-from possmap.files.tick_geometry import geometry_beside
+from possmap.lab.recordings.tick_geometry import geometry_beside
 
 SOUND = "type,diff,,\nngear,43.7,,\nencRes,64,,\nLi,0.2,,\nDi,0.084,0.085,\nN,3,,\n"
 

@@ -14,9 +14,9 @@ from threading import Thread
 import pytest
 from fusing import tasks
 
-from possmap.app.fusing.serving import unpacked
-from possmap.app.fusing.workers import IN_FLIGHT, gathered, here, workers
 from possmap.errors import GridError, WorkerError
+from possmap.fusing.serving import unpacked
+from possmap.fusing.workers import IN_FLIGHT, gathered, here, workers
 
 MUCH = 1 << 30
 

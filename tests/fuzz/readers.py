@@ -29,18 +29,18 @@ from fuzz.seeds import (
 from fuzz.words import CARMEN_WORDS, CSV_WORDS, JSON_WORDS, NUMBERS, TEXTS, YAML_WORDS
 
 import possmap
-from possmap.app.fusing import inputs
-from possmap.conversion.tally import Tally
 from possmap.errors import PossmapError
-from possmap.files.gridfile.grid import Grid
-from possmap.files.limits import Limits
-from possmap.files.logs import read_log, read_stdin
-from possmap.files.mission import read_mission
-from possmap.files.plans import read_image, read_ros_map
-from possmap.files.recordings import Recording, Source, open_recordings, read_mapping
-from possmap.files.settings_yaml import read_settings
-from possmap.files.trials import read_trials
-from possmap.files.truth import read_truth
+from possmap.fusing import inputs
+from possmap.grid.grid import Grid
+from possmap.lab.calibrate.trials_file import read_trials
+from possmap.lab.convert.tally import Tally
+from possmap.lab.recordings import Recording, Source, open_recordings, read_mapping
+from possmap.lab.simulate.mission_file import read_mission
+from possmap.logs import read_log, read_stdin
+from possmap.settings.limits import Limits
+from possmap.settings.settings_yaml import read_settings
+from possmap.truth.plans import read_image, read_ros_map
+from possmap.truth.truth import read_truth
 
 BEAMS = tuple(math.radians(angle) for angle in (-90, 0, 90, 180))
 LIMITS = Limits()

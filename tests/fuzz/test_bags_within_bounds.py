@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 from bags import bag_ns, words_of, write_bag
 
-from possmap.conversion.tally import Tally
 from possmap.errors import RecordingError
-from possmap.files.recordings.rosbag import unpack
-from possmap.files.recordings.rosbag.definitions import DefinitionError, check_text, check_types
-from possmap.files.recordings.rosbag.recording import open_bag
+from possmap.lab.convert.tally import Tally
+from possmap.lab.recordings.rosbag import unpack
+from possmap.lab.recordings.rosbag.definitions import DefinitionError, check_text, check_types
+from possmap.lab.recordings.rosbag.recording import open_bag
 
 IDL = """
 // generated from rosidl_adapter/resource/msg.idl.em ("as a rule")

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import possmap
-from possmap.app.export import export
-from possmap.app.render import Look, picture, render
 from possmap.core.lattice import Window
+from possmap.exports.run import export
+from possmap.pictures.render import Look, picture, render
 
 DATA = Path(__file__).parents[2] / "data" / "json"
 LAYERS = ("necessity", "possibility", "ignorance", "conflict", "probability", "points")

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import possmap
-from possmap.app.render import Look, picture
 from possmap.core.evidence import Layer
 from possmap.core.fusion import UNIT, LayerArray
 from possmap.core.lattice import Window, joined, tiles_of
@@ -19,6 +18,7 @@ from possmap.core.pyramid import FULL
 from possmap.pictures import compose, composite
 from possmap.pictures.compose import Scene
 from possmap.pictures.raster import Raster
+from possmap.pictures.render import Look, picture
 
 DATA = Path(__file__).parents[2] / "data" / "json"
 GOLDEN = Path(__file__).with_name("golden")

@@ -14,8 +14,8 @@ from teams import fuse, write_logs
 from versions import log_of, prefix
 
 import possmap
-from possmap.app.render import Look, picture
 from possmap.core.lattice import Window
+from possmap.pictures.render import Look, picture
 
 SETTINGS = {"resolution": 0.1}
 

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from possmap.core.difference import CellPair, changes
 from possmap.core.evidence import Layer
 from possmap.core.fusion import CERTAIN, UNIT, TileLayers
 from possmap.core.lattice import Window
 from possmap.core.pyramid import FULL
-from possmap.pictures import difference, palettes
-from possmap.pictures.difference import Canvas, Mark
+from possmap.inspection import difference_picture as difference
+from possmap.inspection.difference import CellPair, changes
+from possmap.inspection.difference_picture import Canvas, Mark
+from possmap.pictures import palettes
 from possmap.pictures.raster import Raster
 
 NONE, UNKNOWN, MOST, LEAST = 127, 255, 254, 0

@@ -14,8 +14,8 @@ from teams import fuse, write_logs
 from versions import SETTINGS, log_of, prefix, written
 
 import possmap
-from possmap.app.animate import By, animate
-from possmap.app.render import Look, picture
+from possmap.pictures.animate import By, animate
+from possmap.pictures.render import Look, picture
 
 DATA = Path(__file__).parents[2] / "data" / "json"
 LOGS = sorted(DATA.glob("*.json"))

@@ -13,9 +13,10 @@ from PIL import Image, ImageDraw
 from teams import fuse, write_logs
 
 import possmap
-from possmap.app.render import Look, picture, raster_of
 from possmap.core.lattice import Window
-from possmap.pictures import difference, frame, keys, text
+from possmap.inspection import difference_picture as difference
+from possmap.pictures import frame, keys, text
+from possmap.pictures.render import Look, picture, raster_of
 
 DATA = Path(__file__).parents[2] / "data"
 EXACT = {"along": 0, "across": 0, "turn_spread": 0}

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import possmap
-from possmap.app.render import Look, overlays_of, raster_of
 from possmap.core.lattice import Window
 from possmap.pictures import overlays, palettes
 from possmap.pictures.overlays import Overlays
 from possmap.pictures.raster import Raster
+from possmap.pictures.render import Look, overlays_of, raster_of
 
 DATA = Path(__file__).parents[2] / "data"
 RESOLUTION = 0.1

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 import possmap
-from possmap.app.render import Look, render
+from possmap.pictures.render import Look, render
 
 DATA = Path(__file__).parents[2] / "data" / "json"
 

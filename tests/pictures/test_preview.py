@@ -10,10 +10,10 @@ import pytest
 from teams import fuse, write_logs
 
 import possmap
-from possmap.app.preview import preview
-from possmap.app.render import Look, picture
 from possmap.pictures import terminal
 from possmap.pictures.compose import letters
+from possmap.pictures.preview import preview
+from possmap.pictures.render import Look, picture
 
 DATA = Path(__file__).parents[2] / "data" / "json"
 SETTINGS = {"along": 0, "across": 0, "turn_spread": 0, "resolution": 0.5}

@@ -9,20 +9,20 @@ import pytest
 from PIL import Image
 
 from possmap.core.lattice import Window
-from possmap.evaluation.proper import Split
-from possmap.evaluation.ranking import Curve
-from possmap.evaluation.reliability import Bin
-from possmap.evaluation.results import (
+from possmap.lab.evaluate.picture import COLOURS, report
+from possmap.lab.evaluate.proper import Split
+from possmap.lab.evaluate.ranking import Curve
+from possmap.lab.evaluate.reliability import Bin
+from possmap.lab.evaluate.results import (
     Evaluation,
     Explored,
     IntervalScore,
     MethodScore,
     Reference,
 )
-from possmap.evaluation.tracks import Rectangles, TrackErrors
+from possmap.lab.evaluate.tracks import Rectangles, TrackErrors
 from possmap.pictures import palettes
 from possmap.pictures.charts import Axis, Chart, Mark, Series
-from possmap.pictures.report import COLOURS, report
 
 RED = (200, 0, 0)
 UNIT = Axis("x", 0, 1)

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from possmap.conversion.samples import Samples, joined
-from possmap.conversion.tally import Tally
 from possmap.errors import RecordingError
-from possmap.files.recordings import Source, carmen, open_recordings
-from possmap.files.recordings.carmen import PoseOf, open_carmen
-from possmap.files.recordings.recording import Recording
+from possmap.lab.convert.samples import Samples, joined
+from possmap.lab.convert.tally import Tally
+from possmap.lab.recordings import Source, carmen, open_recordings
+from possmap.lab.recordings.carmen import PoseOf, open_carmen
+from possmap.lab.recordings.recording import Recording
 
 REAL = Path(__file__).parents[2].parent / "shared" / "realdata"
 CUT = "lines cut short or without numbers, skipped"

@@ -11,18 +11,18 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from possmap.conversion.samples import Mount, Samples, joined
-from possmap.conversion.tally import Tally
 from possmap.errors import RecordingError
-from possmap.files.recordings import join as join_module
-from possmap.files.recordings.join import (
+from possmap.lab.convert.samples import Mount, Samples, joined
+from possmap.lab.convert.tally import Tally
+from possmap.lab.recordings import join as join_module
+from possmap.lab.recordings.join import (
     SAME_TIME,
     WITHOUT_HEADING,
     WITHOUT_POSE,
     Join,
 )
-from possmap.files.recordings.mapping import Beam, Mapping, Table
-from possmap.files.recordings.readings import Readings
+from possmap.lab.recordings.mapping import Beam, Mapping, Table
+from possmap.lab.recordings.readings import Readings
 
 GAP = 1.0
 PLACE = Table("place", {"t": "t", "x": "x", "y": "y"})

@@ -14,10 +14,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from possmap.conversion.tally import Tally
 from possmap.errors import RecordingError
-from possmap.files.recordings import json_stream
-from possmap.files.recordings.json_stream import entries
+from possmap.lab.convert.tally import Tally
+from possmap.lab.recordings import json_stream
+from possmap.lab.recordings.json_stream import entries
 
 CUT = "files cut short, used up to the cut"
 SIZES = (1, 2, 3, 4, 5, 7, 8, 13, 16, 31, 64, 1 << 18)

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 from possmap.errors import OutputError
-from possmap.files.limits import Limits
-from possmap.files.logs import read_log
-from possmap.files.logs.writing import LogWriter, check_name, is_folder, writing
+from possmap.logs import read_log
+from possmap.logs.writing import LogWriter, check_name, is_folder, writing
+from possmap.settings.limits import Limits
 
 Log = tuple[dict[str, Any], Iterable[dict[str, Any]]]
 

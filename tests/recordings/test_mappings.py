@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from possmap.conversion.samples import Mount
 from possmap.errors import SettingsError
-from possmap.files.recordings.mapping import Beam, Mapping, Readable, Scan, Table, Ticks
-from possmap.files.recordings.mapping_yaml import find_mapping, known_mappings, read_mapping
+from possmap.lab.convert.samples import Mount
+from possmap.lab.recordings.mapping import Beam, Mapping, Readable, Scan, Table, Ticks
+from possmap.lab.recordings.mapping_yaml import find_mapping, known_mappings, read_mapping
 
 CSV = "format: csv\n"
 PLAIN = CSV + "columns: {t: t, x: x, y: y}\n"

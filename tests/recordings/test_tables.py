@@ -13,11 +13,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from possmap.conversion.samples import Samples, joined
-from possmap.conversion.tally import Tally
 from possmap.errors import RecordingError
-from possmap.files.recordings import Source, open_recordings, read_mapping, tables
-from possmap.files.recordings.recording import Recording
+from possmap.lab.convert.samples import Samples, joined
+from possmap.lab.convert.tally import Tally
+from possmap.lab.recordings import Source, open_recordings, read_mapping, tables
+from possmap.lab.recordings.recording import Recording
 
 REAL = Path(__file__).parents[2].parent / "shared" / "realdata"
 SKIPPED = "rows cut short or without numbers, skipped"
@@ -828,7 +828,7 @@ def test_a_damaged_second_file_is_refused_by_its_own_name(tmp_path: Path) -> Non
     ],
 )
 def test_recordings_of_others_are_read_whole(name: str, mapping: str, samples: int) -> None:
-    from possmap.files.recordings import find_mapping
+    from possmap.lab.recordings import find_mapping
 
     rules = read_mapping(find_mapping(mapping))
     (recording,) = open_recordings([REAL / name], Source(mapping=rules, beams=FOUR))

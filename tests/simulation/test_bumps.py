@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from troupes import NO_ERRORS, Bench, drive, excursions, shipped_world
 
-from possmap.simulation.body import Faults
-from possmap.simulation.world import World
+from possmap.lab.simulate.body import Faults
+from possmap.lab.simulate.world import World
 
 SOUND = Faults(0.0, 0.0, 1.0)
 

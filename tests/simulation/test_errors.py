@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from troupes import Bench, Floats, drive, hall
 
-from possmap.simulation.body import Faults, draw_faults
-from possmap.simulation.settings import MissionSettings
+from possmap.lab.simulate.body import Faults, draw_faults
+from possmap.lab.simulate.settings import MissionSettings
 
 INCH, FOOT = 0.0254, 0.3048
 SOUND = Faults(turn_bias=0.0, drift=0.0, scale=1.0)

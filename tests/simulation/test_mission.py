@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from troupes import NO_ERRORS, drive, excursions, hall, logs_of, shipped_world
 
-from possmap.app.simulate import log_text, truth
-from possmap.simulation.mission import Mission
-from possmap.simulation.robot import Excursion, streams
-from possmap.simulation.settings import MissionSettings
-from possmap.simulation.summary import host_knows, in_order, summarise
+from possmap.lab.simulate.mission import Mission
+from possmap.lab.simulate.robot import Excursion, streams
+from possmap.lab.simulate.run import log_text, truth
+from possmap.lab.simulate.settings import MissionSettings
+from possmap.lab.simulate.summary import host_knows, in_order, summarise
 
 
 def alone(**settings: Any) -> Mission:

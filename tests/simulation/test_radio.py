@@ -14,12 +14,12 @@ from teams import fuse, write_logs
 from troupes import NO_ERRORS, drive, excursions, hall, logs_of, shipped_world, true_places
 
 from possmap.core.model import ErrorModel
-from possmap.simulation.body import Place
-from possmap.simulation.logbook import RECORD_BYTES, Logbook, Name
-from possmap.simulation.mission import Mission
-from possmap.simulation.radio import exchange, seconds_of
-from possmap.simulation.settings import MissionSettings
-from possmap.simulation.summary import host_knows, in_order
+from possmap.lab.simulate.body import Place
+from possmap.lab.simulate.logbook import RECORD_BYTES, Logbook, Name
+from possmap.lab.simulate.mission import Mission
+from possmap.lab.simulate.radio import exchange, seconds_of
+from possmap.lab.simulate.settings import MissionSettings
+from possmap.lab.simulate.summary import host_knows, in_order
 
 CASES = [("figure8", 3, 1), ("figure8", 3, 7), ("maze", 4, 2), ("office", 8, 3)]
 

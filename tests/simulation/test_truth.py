@@ -27,12 +27,12 @@ from troupes import (
 
 import possmap
 from possmap.core.model import ErrorModel
-from possmap.files.limits import Limits
-from possmap.files.logs import read_log
-from possmap.simulation.logbook import Logbook
-from possmap.simulation.mission import Mission
-from possmap.simulation.robot import Excursion
-from possmap.simulation.world import World
+from possmap.lab.simulate.logbook import Logbook
+from possmap.lab.simulate.mission import Mission
+from possmap.lab.simulate.robot import Excursion
+from possmap.lab.simulate.world import World
+from possmap.logs import read_log
+from possmap.settings.limits import Limits
 
 BODY = 0.075
 """Half the width of a body [m]."""

@@ -11,7 +11,7 @@ from peer_tools.carmen import Floats
 from peer_tools.sightings import Record, runs_of
 from PIL import Image
 
-from possmap.files.gridfile.grid import Grid
+from possmap.grid.grid import Grid
 
 RESOLUTION = 0.05
 CANVAS = 1200

@@ -1,1 +1,0 @@
-"""One function per command: read, compute, write; each returns a small summary."""

@@ -1,0 +1,125 @@
+"""The ``.geojson`` export: the ledger as features, and the outline of what is known."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from typing import Any, BinaryIO
+
+from possmap.core.evidence import Geometry
+from possmap.exports.job import Job, tidy
+from possmap.exports.ledger_shapes import Outing, Point, outings, swept
+from possmap.exports.outline import Polygon
+from possmap.exports.shapes import metres, outline_of_evidence
+
+Feature = dict[str, Any]
+
+CRS = {"type": "name", "properties": {"name": 'LOCAL_CS["possmap site",UNIT["metre",1]]'}}
+"""Metres that lie nowhere on Earth. Without it, or with null, GDAL takes them for degrees."""
+
+
+def write_geojson(job: Job, streams: Sequence[BinaryIO]) -> None:
+    """Write one FeatureCollection in metres of the site frame, a feature a line.
+
+    ``properties.kind`` says what a feature is: ``track``, ``wall``, ``wall_error``, ``corner`` or
+    ``outline``.
+
+    Raises
+    ------
+    OutputError
+        If the outline is too jagged for memory.
+    """
+    out = streams[0]
+    outline = _outline(job)
+    head = {"type": "FeatureCollection", "crs": CRS, "possmap": dict(job.facts())}
+    out.write(json.dumps(head)[:-1].encode() + b', "features": [\n')
+    out.write(_line(outline))
+    for outing in outings(job):
+        for feature in _features(outing):
+            out.write(b",\n" + _line(feature))
+    out.write(b"\n]}\n")
+
+
+def _line(feature: Feature) -> bytes:
+    return json.dumps(feature, allow_nan=False).encode()
+
+
+def _features(outing: Outing) -> Iterator[Feature]:
+    whose = {"robot": outing.robot, "excursion": outing.excursion}
+    if outing.poses:
+        places = [at for _, at in outing.poses]
+        yield _feature(
+            _line_of([_point(at.x, at.y) for at in places]),
+            {
+                "kind": "track",
+                **whose,
+                "seq": [pose.seq for pose, _ in outing.poses],
+                "t": [pose.t for pose, _ in outing.poses],
+                "half_x": [tidy(at.rect.half_x) for at in places],
+                "half_y": [tidy(at.rect.half_y) for at in places],
+            },
+        )
+    for wall, at in outing.walls:
+        said = {**whose, "seq": wall.seq, "t": wall.t}
+        ends = [_point(at.x, at.y), _point(at.x2, at.y2)]
+        yield _feature(
+            _line_of(ends), {"kind": "wall", **said, "followed": wall.followed, **_halves(at)}
+        )
+        ring = [_point(x, y) for x, y in swept(at)]
+        if len(ring) > 2:  # without an error there is no area
+            polygon = {"type": "Polygon", "coordinates": [_closed(ring)]}
+            yield _feature(polygon, {"kind": "wall_error", **said})
+    for corner, at in outing.corners:
+        yield _feature(
+            {"type": "Point", "coordinates": _point(at.x, at.y)},
+            {
+                "kind": "corner",
+                **whose,
+                "seq": corner.seq,
+                "t": corner.t,
+                "corner": corner.corner,
+                "half_x": tidy(at.rect.half_x),
+                "half_y": tidy(at.rect.half_y),
+            },
+        )
+
+
+def _halves(at: Geometry) -> dict[str, float]:
+    return {
+        "half_x": tidy(at.rect.half_x),
+        "half_y": tidy(at.rect.half_y),
+        "half_x2": tidy(at.rect2.half_x),
+        "half_y2": tidy(at.rect2.half_y),
+    }
+
+
+def _outline(job: Job) -> Feature:
+    shapes = outline_of_evidence(job)
+    coordinates = [_rings(job, shape) for shape in shapes]
+    return _feature(
+        {"type": "MultiPolygon", "coordinates": coordinates},
+        {"kind": "outline", "parts": len(shapes)},
+    )
+
+
+def _rings(job: Job, shape: Polygon) -> list[list[Point]]:
+    return [_closed(metres(job, ring)) for ring in (shape.shell, *shape.holes)]
+
+
+def _closed(ring: list[Point]) -> list[Point]:
+    return [*ring, ring[0]]
+
+
+def _point(x: float, y: float) -> Point:
+    return tidy(x), tidy(y)
+
+
+def _line_of(points: list[Point]) -> Feature:
+    """Return a line, or a point where there is but one place: a line needs two."""
+    if len(set(points)) == 1:
+        return {"type": "Point", "coordinates": points[0]}
+    return {"type": "LineString", "coordinates": points}
+
+
+def _feature(geometry: Feature, properties: Feature) -> Feature:
+    return {"type": "Feature", "properties": properties, "geometry": geometry}

@@ -1,0 +1,104 @@
+"""What one export is asked to write, and what every export says of itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from possmap.core.lattice import Window
+from possmap.core.views import VIEWS
+from possmap.errors import printable, shown
+from possmap.grid.grid import Grid
+from possmap.release import version
+
+FRAME = "site: x right, y up, in metres; no geographic reference"
+MODES = ("trinary", "scale", "raw")
+LAYERS = (*VIEWS, "points")
+
+Metres = tuple[float, float, float, float]
+"""A rectangle: x0, y0, x1, y1."""
+
+
+@dataclass(frozen=True, slots=True)
+class Choices:
+    """The options of the formats.
+
+    mode : of a ROS map, one of MODES.
+    occupied : a cell is occupied where N reaches it, above 0 and at most 1.
+    free : else it is free where Π is not above it, at least 0 and below 1.
+    layer : of a picture, one of LAYERS.
+    base_rate : of the view probability, between 0 and 1.
+    """
+
+    mode: str = "trinary"
+    occupied: float = 0.5
+    free: float = 0.5
+    layer: str = "necessity"
+    base_rate: float = 0.5
+
+    def __post_init__(self) -> None:
+        if self.mode not in MODES:
+            raise ValueError(f"mode, found {shown(self.mode)}, expected one of {', '.join(MODES)}")
+        if self.layer not in LAYERS:
+            known = ", ".join(LAYERS)
+            raise ValueError(f"layer, found {shown(self.layer)}, expected one of {known}")
+        if not 0 < self.occupied <= 1:
+            raise ValueError(f"occupied, found {self.occupied}, expected above 0 and at most 1")
+        if not 0 <= self.free < 1:
+            raise ValueError(f"free, found {self.free}, expected at least 0 and below 1")
+        if not 0 < self.base_rate < 1:
+            raise ValueError(f"base_rate, found {self.base_rate}, expected between 0 and 1")
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One export.
+
+    window : the cells to write.
+    window_m : the rectangle asked for; None: all that holds evidence.
+    outputs : the file asked for, then those that go with it.
+    """
+
+    grid: Grid
+    window: Window
+    window_m: Metres | None
+    outputs: tuple[Path, ...]
+    choices: Choices
+
+    @property
+    def name(self) -> str:
+        """The grid as a message names it."""
+        return printable(str(self.grid.path))
+
+    @property
+    def origin(self) -> tuple[float, float]:
+        """Lower left corner of the window's first cell [m], without the dust of multiplication."""
+        x, y = self.grid.origin(self.window)
+        return tidy(x), tidy(y)
+
+    def facts(self) -> Mapping[str, str]:
+        """Return what a file says of itself: ASCII, one line each."""
+        x, y = self.origin
+        rows, columns = self.window.shape
+        return {
+            "possmap": version(),
+            "digest": self.grid.digest(),
+            "resolution": f"{self.grid.resolution!r} m per cell",
+            "frame": FRAME,
+            "origin": f"{x!r}, {y!r} m, the lower left corner of the first cell",
+            "cells": f"{rows} rows x {columns} columns",
+        }
+
+    def thresholds(self) -> str:
+        """Return in words which cells count as occupied, and which as free."""
+        occupied, free = self.choices.occupied, self.choices.free
+        return (
+            f"occupied where necessity >= {occupied:g}, "
+            f"else free where possibility <= {free:g}, else unknown"
+        )
+
+
+def tidy(metres: float) -> float:
+    """Return a length without the last digits that a product of doubles leaves (7.550000000001)."""
+    return round(metres, 12) + 0.0  # no -0.0

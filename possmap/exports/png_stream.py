@@ -1,0 +1,82 @@
+"""PNG written a few rows at a time, for images that should not be in memory whole."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterable, Mapping
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from possmap.exports.job import Job
+
+GRAY_16 = (16, 0)
+RGBA_8 = (8, 6)
+
+_NONE, _UP = 0, 2
+
+
+def text_chunks(job: Job) -> dict[str, str]:
+    """Return what an image says of itself, under the names that ``possmap render`` has too."""
+    facts, (x, y), (rows, columns) = job.facts(), job.origin, job.window.shape
+    return {
+        "Software": f"possmap {facts['possmap']}",
+        "possmap:digest": facts["digest"],
+        "possmap:resolution": repr(job.grid.resolution),
+        "possmap:frame": facts["frame"],
+        "possmap:origin": f"{x!r},{y!r}",
+        "possmap:cells": f"{columns}x{rows}",
+    }
+
+
+def write_png(
+    stream: BinaryIO,
+    size: tuple[int, int],
+    kind: tuple[int, int],
+    text: Mapping[str, str],
+    pieces: Iterable[tuple[bool, NDArray[Any]]],
+) -> None:
+    """Write an image; the same pixels give the same bytes.
+
+    Parameters
+    ----------
+    size
+        Columns and rows.
+    kind
+        ``GRAY_16`` or ``RGBA_8``.
+    text
+        tEXt chunks, Latin-1.
+    pieces
+        Pixels from the highest row down, shape (rows, columns) or (rows, columns, 4): whole rows,
+        or pieces of one row; with each, whether it begins a row.
+    """
+    stream.write(b"\x89PNG\r\n\x1a\n")
+    _chunk(stream, b"IHDR", struct.pack(">IIBBBBB", *size, *kind, 0, 0, 0))
+    for key, value in text.items():
+        _chunk(stream, b"tEXt", f"{key}\0{value}".encode("latin-1"))
+    packer = zlib.compressobj(6)
+    for begins_row, pixels in pieces:
+        _chunk(stream, b"IDAT", packer.compress(_filtered(pixels, begins_row)))
+    _chunk(stream, b"IDAT", packer.flush())
+    _chunk(stream, b"IEND", b"")
+
+
+def _filtered(pixels: NDArray[Any], begins_row: bool) -> bytes:
+    """Return rows as PNG filters them: the first as it is, the others as differences upwards."""
+    rows = np.ascontiguousarray(pixels, dtype=pixels.dtype.newbyteorder(">"))
+    octets = rows.view(np.uint8).reshape(len(pixels), -1)
+    if not begins_row:
+        return octets.tobytes()
+    found = np.empty((len(octets), octets.shape[1] + 1), dtype=np.uint8)
+    found[:, 0] = _UP
+    found[0, 0] = _NONE
+    found[0, 1:] = octets[0]
+    np.subtract(octets[1:], octets[:-1], out=found[1:, 1:])
+    return found.tobytes()
+
+
+def _chunk(stream: BinaryIO, kind: bytes, data: bytes) -> None:
+    stream.write(struct.pack(">I", len(data)) + kind + data)
+    stream.write(struct.pack(">I", zlib.crc32(kind + data)))

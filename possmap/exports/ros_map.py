@@ -1,0 +1,138 @@
+"""The ``.yaml`` export: a map as ROS's map_server reads it, with its image beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from possmap.core.lattice import Window
+from possmap.core.views import probability
+from possmap.errors import OutputError, printable
+from possmap.exports.bands import bands, filled, occupancy
+from possmap.exports.job import Choices, Job
+from possmap.exports.png_stream import RGBA_8, text_chunks, write_png
+
+UNKNOWN = -1
+
+
+class Thresholds(NamedTuple):
+    """From which darkness on, above ``occupied`` or below ``free``, map_server sees a cell so."""
+
+    occupied: float
+    free: float
+
+
+THRESHOLDS = {
+    # What map_server's own maps have: its unknown, 205, is just dark enough not to be free.
+    "trinary": Thresholds(0.65, 0.196),
+    # All that is neither black nor white is scaled, in ROS 1 and 2 alike.
+    "scale": Thresholds(0.99, 0.01),
+    # Not looked at.
+    "raw": Thresholds(0.65, 0.196),
+}
+
+
+def image_beside(output: Path, choices: Choices) -> tuple[Path, ...]:
+    """Return the image's path: PNG in mode scale, whose unknown is transparent, which PGM lacks."""
+    return (output.with_suffix(".png" if choices.mode == "scale" else ".pgm"),)
+
+
+def write_ros_map(job: Job, streams: Sequence[BinaryIO]) -> None:
+    """Write ``map.yaml`` and the image, the first row the highest y.
+
+    Raises
+    ------
+    OutputError
+        If YAML cannot hold the image's name.
+    """
+    description, image = streams
+    description.write(_description(job).encode())
+    rows, columns = job.window.shape
+    if job.choices.mode == "scale":
+        write_png(image, (columns, rows), RGBA_8, text_chunks(job), _pixels(job))
+        return
+    comments = "".join(f"# {key}: {fact}\n" for key, fact in job.facts().items())
+    image.write(f"P5\n{comments}{columns} {rows}\n255\n".encode())
+    for _, pixels in _pixels(job):
+        image.write(pixels.tobytes())
+
+
+def _description(job: Job) -> str:
+    image, mode = job.outputs[1].name, job.choices.mode
+    try:
+        image.encode()
+    except UnicodeEncodeError:
+        output = printable(str(job.outputs[0]))
+        raise OutputError(f"{output}: its name is not UTF-8, expected one for YAML") from None
+    x, y = job.origin
+    keys = {
+        "image": image,
+        "mode": mode,
+        "resolution": job.grid.resolution,
+        "origin": [x, y, 0.0],
+        "negate": 0,
+        "occupied_thresh": THRESHOLDS[mode].occupied,
+        "free_thresh": THRESHOLDS[mode].free,
+    }
+    said = {**job.facts(), "cells are": job.thresholds()}
+    if mode != "trinary":
+        said["cells are"] = said["cells are"].replace(
+            "else unknown",
+            f"else 1 to 99 for the probability at base rate {job.choices.base_rate:g}; "
+            "unknown without evidence",
+        )
+    comments = "".join(f"# {key}: {fact}\n" for key, fact in said.items())
+    return comments + yaml.safe_dump(keys, sort_keys=False, default_flow_style=None, width=10**9)
+
+
+def _pixels(job: Job) -> Iterator[tuple[bool, NDArray[Any]]]:
+    table = pixel_of(job.choices.mode)
+
+    def value(area: Window) -> NDArray[np.int8]:
+        return _percent(job, area)
+
+    for band in bands(job.window, from_top=True):
+        percent = filled(job.grid, band, value, UNKNOWN, np.int8)[::-1]
+        yield band.column0 == job.window.column0, table[percent + 1]
+
+
+def _percent(job: Job, area: Window) -> NDArray[np.int8]:
+    """Return what map_server is to publish: 0 free … 100 occupied, -1 unknown."""
+    choices = job.choices
+    necessity, possibility = job.grid.necessity(area), job.grid.possibility(area)
+    found = occupancy(necessity, possibility, choices.occupied, choices.free)
+    if choices.mode == "trinary":
+        return found
+    between = (found == UNKNOWN) & ((necessity > 0) | (possibility < 1))
+    likely = probability(necessity[between], possibility[between], choices.base_rate)
+    found[between] = np.clip(np.rint(100 * likely), 1, 99).astype(np.int8)
+    return found
+
+
+def pixel_of(mode: str) -> NDArray[np.uint8]:
+    """Return the pixels of unknown, 0, 1 … 100 per cent: the inverse of what map_server does.
+
+    Shape (102,), or (102, 4) for ``scale``: red, green, blue, opacity.
+    """
+    percent = np.arange(101)
+    if mode == "raw":
+        return np.concatenate([[255], percent]).astype(np.uint8)
+    if mode == "trinary":
+        shades = np.full(102, 205, dtype=np.uint8)
+        shades[1], shades[101] = 254, 0
+        return shades
+    occupied, free = THRESHOLDS[mode]
+    darkness = free + percent / 100 * (occupied - free)
+    darkness[0], darkness[100] = 0, 1
+    shade = np.rint(255 * (1 - darkness))
+    pixels = np.empty((102, 4), dtype=np.uint8)
+    # ROS 1 looks at transparency only where the shade lies between the thresholds.
+    pixels[0] = (128, 128, 128, 0)
+    pixels[1:, :3] = shade[:, None]
+    pixels[1:, 3] = 255
+    return pixels

@@ -1,0 +1,151 @@
+"""``possmap export``: a window of a grid, in a format chosen by the output's suffix."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from possmap.atomic import replacing_all
+from possmap.budget import Budget
+from possmap.core.lattice import Window
+from possmap.errors import OutputError, did_you_mean, printable, shown
+from possmap.exports.bands import holds_evidence
+from possmap.exports.formats import FORMATS, WRITTEN_WITH, Format
+from possmap.exports.job import Choices, Job
+from possmap.grid.grid import MOST_CELLS, Grid
+
+
+@dataclass(frozen=True, slots=True)
+class ExportSummary:
+    """What was written.
+
+    outputs : the file asked for, then those that go with it.
+    origin : lower left corner of the first cell [m].
+    """
+
+    outputs: tuple[Path, ...]
+    rows: int
+    columns: int
+    origin: tuple[float, float]
+    resolution: float
+
+    @property
+    def output(self) -> Path:
+        """The file asked for."""
+        return self.outputs[0]
+
+
+def export(
+    path: Path,
+    output: Path,
+    window_m: tuple[float, float, float, float] | None = None,
+    overwrite: bool = False,
+    choices: Choices | None = None,
+    budget: Budget | None = None,
+) -> ExportSummary:
+    """Write a grid, or a window of it given as x0, y0, x1, y1 [m].
+
+    Raises
+    ------
+    OutputError
+        For a suffix without a format, no evidence, too many cells, a format whose library is not
+        installed, or an output that exists.
+    BudgetError
+        If a format that is made in memory does not fit.
+    GridError
+        If ``path`` is no grid.
+    """
+    chosen = format_of(output)
+    choices = choices or Choices()
+    outputs = (output, *chosen.beside(output, choices))
+    for one in outputs:
+        refuse_itself(path, one)
+    with Grid(path, budget=budget or Budget()) as grid, grid.snapshot():
+        window = chosen_window(grid, window_m)
+        if not chosen.may_be_empty:
+            refuse_nothing(grid, window)
+        with replacing_all(outputs, overwrite) as streams:
+            chosen.write(Job(grid, window, window_m, outputs, choices), streams)
+        return ExportSummary(outputs, *window.shape, grid.origin(window), grid.resolution)
+
+
+def format_of(output: Path) -> Format:
+    """Return the format of an output's suffix.
+
+    Raises
+    ------
+    OutputError
+        If there is none.
+    """
+    suffix = output.suffix.lower()
+    if suffix in FORMATS:
+        return FORMATS[suffix]
+    if suffix in WRITTEN_WITH:
+        guess = f", expected {WRITTEN_WITH[suffix]}, which writes {suffix} beside it"
+    else:
+        guess = did_you_mean(suffix, FORMATS) or f", expected one of {', '.join(FORMATS)}"
+    raise OutputError(f"{printable(str(output))}: unknown suffix {shown(output.suffix)}{guess}")
+
+
+def strange_options(output: Path, names: Iterable[str]) -> list[tuple[str, list[str]]]:
+    """Return those of the options named that the output's format does not heed.
+
+    With each, the suffixes that do. Empty if there is no such format: exporting says so.
+    """
+    chosen = FORMATS.get(output.suffix.lower())
+    if chosen is None:
+        return []
+    return [
+        (name, [suffix for suffix, one in FORMATS.items() if name in one.options])
+        for name in names
+        if name not in chosen.options
+    ]
+
+
+def refuse_itself(grid: Path, output: Path) -> None:
+    """Raise OutputError if the output is the grid itself."""
+    try:
+        same = output.exists() and output.samefile(grid)
+    except OSError:
+        return  # writing it says why
+    if same:
+        raise OutputError(f"{printable(str(output))}: is the grid itself, expected another file")
+
+
+def refuse_nothing(grid: Grid, window: Window) -> None:
+    """Raise OutputError if no cell of a window holds evidence."""
+    everything = chosen_window(grid, None, most=None)
+    if holds_evidence(grid, window):
+        return
+    x0, y0 = grid.lattice.corner_of(everything.row0, everything.column0)
+    x1, y1 = grid.lattice.corner_of(everything.row1, everything.column1)
+    raise OutputError(
+        f"{printable(str(grid.path))}: nothing in the window; all evidence lies within "
+        f"{x0:.2f},{y0:.2f},{x1:.2f},{y1:.2f}"
+    )
+
+
+def chosen_window(
+    grid: Grid,
+    window_m: tuple[float, float, float, float] | None,
+    most: int | None = MOST_CELLS,
+) -> Window:
+    """Return the window asked for, or the smallest that holds all evidence.
+
+    Raises
+    ------
+    OutputError
+        If there is no evidence, or the window has more than ``most`` cells.
+    """
+    name = printable(str(grid.path))
+    window = grid.window if window_m is None else grid.lattice.window_of(*window_m)
+    if window is None:
+        raise OutputError(f"{name}: holds no evidence, so there is nothing to show")
+    if most is not None and window.cells > most:
+        rows, columns = window.shape
+        raise OutputError(
+            f"{name}: {rows} × {columns} cells, expected at most 10⁹; "
+            "take a part of it: --window X0,Y0,X1,Y1"
+        )
+    return window

@@ -1,1 +1,0 @@
-"""Everything that has a path: logs in, settings in, the grid file, exports out."""

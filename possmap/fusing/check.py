@@ -1,0 +1,146 @@
+"""``possmap check``: validates logs and says what is in them; changes nothing."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+from possmap.core.correction import correct
+from possmap.core.estimators import at_start
+from possmap.core.model import ErrorModel
+from possmap.core.propagation import PoseError, propagate
+from possmap.core.records import KIND_OF, PartialMap, Pose
+from possmap.core.settings import Estimator
+from possmap.core.track import stretches, waiting
+from possmap.errors import PossmapError
+from possmap.fusing import inputs
+from possmap.fusing.judge import Judge
+from possmap.logs.delivery import LogFile
+from possmap.progress import Progress, quiet
+from possmap.settings.request import Request, in_force
+from possmap.settings.settings import Settings
+
+
+@dataclass(frozen=True, slots=True)
+class Inspection:
+    """What one version of an excursion holds.
+
+    carried_by : robot and excursion of the log that carries it; None for the robot's own.
+    kinds : records by kind.
+    distance : logged [m].
+    turns, turned_deg : how many, and how far in all, either way [deg].
+    seconds : from the first time to the last; None without times.
+    waiting : records after the last pose, which yield nothing yet.
+    half_x, half_y : of the error rectangle at the last pose [m]; None without a pose.
+    heading_half_deg : of the heading there [deg].
+    """
+
+    robot: str
+    excursion: str
+    carried_by: tuple[str, str] | None
+    kinds: dict[str, int]
+    distance: float
+    turns: int
+    turned_deg: float
+    seconds: float | None
+    waiting: int
+    half_x: float | None
+    half_y: float | None
+    heading_half_deg: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedFile:
+    """One file: what is in it, or why it is refused."""
+
+    path: str
+    excursions: tuple[Inspection, ...] = ()
+    error: str | None = None
+    note: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class CheckSummary:
+    """What a run of ``check`` found."""
+
+    files: tuple[CheckedFile, ...] = field(default_factory=tuple)
+
+    @property
+    def refused(self) -> int:
+        """How many files ``fuse`` would refuse."""
+        return sum(one.error is not None for one in self.files)
+
+
+def check(
+    logs: Sequence[str],
+    request: Request | None = None,
+    *,
+    allow_truncated: bool = False,
+    progress: Progress = quiet,
+) -> CheckSummary:
+    """Validate logs, one by one and against each other, and say what is in them.
+
+    Raises
+    ------
+    SettingsError
+        If a given setting is wrong.
+    """
+    settings = in_force((request or Request()).given())
+    judge = Judge(settings)
+    names = progress(list(inputs.expand(logs)), "log")
+    return CheckSummary(tuple(_checked(name, judge, settings, allow_truncated) for name in names))
+
+
+def _checked(name: str, judge: Judge, settings: Settings, allow_truncated: bool) -> CheckedFile:
+    try:
+        log = inputs.read(name, settings.limits, allow_truncated)
+        judge.take(log)
+    except PossmapError as error:
+        return CheckedFile(name, error=str(error))
+    note = (
+        f"{log.cut_short}: the last line is cut short and was left out" if log.cut_short else None
+    )
+    return CheckedFile(name, tuple(_inspections(log, settings)), note=note)
+
+
+def _inspections(log: LogFile, settings: Settings) -> Iterator[Inspection]:
+    for delivery in log.deliveries:
+        version = delivery.version
+        robot = settings.robots.get(version.robot, {})
+        model = settings.evidence.model_in_force(version.model, robot)
+        last = _last_error(version, model, settings.evidence.estimator)
+        yield _inspect(version, delivery.carrier, last)
+
+
+def _inspect(
+    version: PartialMap, carrier: tuple[str, str] | None, last: PoseError | None
+) -> Inspection:
+    track = stretches(version.records)
+    turns = [stretch.turn_deg for stretch in track if stretch.turn_deg]
+    times = [record.t for record in version.records if record.t is not None]
+    return Inspection(
+        robot=version.robot,
+        excursion=version.excursion,
+        carried_by=carrier,
+        kinds=dict(Counter(KIND_OF[type(record)] for record in version.records)),
+        distance=sum(stretch.distance for stretch in track),
+        turns=len(turns),
+        turned_deg=sum(map(abs, turns)),
+        seconds=times[-1] - times[0] if times else None,
+        waiting=len(waiting(version.records)),
+        half_x=last.rectangle.half_x if last else None,
+        half_y=last.rectangle.half_y if last else None,
+        heading_half_deg=math.degrees(last.heading_half) if last else None,
+    )
+
+
+def _last_error(version: PartialMap, model: ErrorModel, estimator: Estimator) -> PoseError | None:
+    """Return the error at the last pose, None without a pose."""
+    first = next((record for record in version.records if isinstance(record, Pose)), None)
+    if first is None:
+        return None
+    start = at_start(first, estimator)
+    errors = propagate(start, correct(stretches(version.records), model), model)
+    return errors[-1].after if errors else start

@@ -1,0 +1,169 @@
+"""Tiles in the grid file: sparse, compressed, each with its hash and its bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import groupby
+from operator import itemgetter
+
+import numpy as np
+
+from possmap.core.evidence import Layer
+from possmap.core.fusion import LayerArray, TileLayers, blank
+from possmap.core.lattice import TILE, TileKey, Window, joined, tile_window
+from possmap.core.patches import Crop, Patch, cropped
+from possmap.core.patches import joined as joined_patches
+from possmap.errors import GridError
+from possmap.grid.bounds import CELLS
+from possmap.grid.checks import bounds_in_tile, exactly, tile_place
+from possmap.grid.database import Database
+from possmap.grid.directory import Directory
+from possmap.grid.encoding import EncodedTile, decode, encode
+
+_AT_ONCE = 32
+"""Tiles whose bytes are read together."""
+
+_LAYERS = "0, 1, 2"
+
+
+class TileStore:
+    """The tiles of one grid file.
+
+    Attributes
+    ----------
+    directory
+        Which tiles there are.
+    """
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self.directory = Directory(database)
+
+    def read(self, key: TileKey) -> TileLayers:
+        """Return the layers of one tile that are not pure ignorance, each of shape (TILE, TILE)."""
+        layers: TileLayers = {}
+        for layer, crop in self.patch(key).items():
+            whole = layers[layer] = blank(layer)
+            whole[crop.window.slices_in(tile_window(key))] = crop.cells
+        return layers
+
+    def patch(self, key: TileKey) -> Patch:
+        """Return what one tile holds of each layer; empty if it is pure ignorance."""
+        return {layer: crop for _, layer, crop in self._stored(_LAYERS, key.row, key.column)}
+
+    def packed(self, key: TileKey) -> dict[Layer, EncodedTile]:
+        """Return the layers of one tile as they are stored, for somebody else to unpack."""
+        stored = self._database.all(
+            "SELECT layer, row0, row1, column0, column1, hash, data"
+            " FROM tile LEFT JOIN cells ON cells.tile = tile.id"
+            f' WHERE layer IN ({_LAYERS}) AND row = ? AND "column" = ?',
+            tuple(key),
+            CELLS,
+        )
+        with self._database.sound(f"tile {key.row}, {key.column}"):
+            return {
+                Layer(layer): EncodedTile(
+                    bounds_in_tile(*bounds), exactly(digest, bytes), exactly(data, bytes)
+                )
+                for layer, *bounds, digest, data in stored
+            }
+
+    def damaged(self, what: str) -> GridError:
+        """Return the error that says what in a packed tile is not as it was written."""
+        return self._database.damaged(what)
+
+    def write(self, key: TileKey, layers: TileLayers) -> None:
+        """Replace layers of one tile."""
+        self.put(key, {layer: encode(layer, key, array) for layer, array in layers.items()})
+
+    def put(self, key: TileKey, layers: Mapping[Layer, EncodedTile]) -> None:
+        """Replace layers of one tile by what ``encode`` made of them, here or elsewhere."""
+        for layer, one in layers.items():
+            self._database.execute(
+                'INSERT INTO tile (layer, row, "column", row0, row1, column0, column1, hash)'
+                " VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
+                ' ON CONFLICT (layer, row, "column") DO UPDATE SET row0 = excluded.row0,'
+                " row1 = excluded.row1, column0 = excluded.column0, column1 = excluded.column1,"
+                " hash = excluded.hash",
+                (
+                    layer, *key, one.bounds.row0, one.bounds.row1,
+                    one.bounds.column0, one.bounds.column1, one.digest,
+                ),
+            )  # fmt: skip
+            self._database.execute(
+                "INSERT OR REPLACE INTO cells (tile, data) SELECT id, ? FROM tile"
+                ' WHERE layer = ? AND row = ? AND "column" = ?',
+                (one.data, layer, *key),
+            )
+
+    def drop(self, key: TileKey, layers: Iterable[Layer]) -> None:
+        """Make layers of one tile pure ignorance."""
+        for layer in layers:
+            place = (layer, *key)
+            where = 'WHERE layer = ? AND row = ? AND "column" = ?'
+            self._database.execute(
+                f"DELETE FROM cells WHERE tile = (SELECT id FROM tile {where})", place
+            )
+            self._database.execute(f"DELETE FROM tile {where}", place)
+
+    def read_window(self, layer: Layer, window: Window) -> LayerArray:
+        """Return one layer of a window, shape (rows, columns); what no tile holds is 0."""
+        whole: LayerArray = np.zeros(window.shape, dtype=blank(layer).dtype)
+        for crop in self.crops(layer, window):
+            whole[crop.window.slices_in(window)] = crop.cells
+        return whole
+
+    def crops(self, layer: Layer, window: Window) -> Iterator[Crop]:
+        """Yield what tiles hold of one layer of a window, one by one."""
+        for row in self.directory.rows_of(layer, window):
+            for span in self._spans(row, window):
+                for _, _, crop in self._stored(str(int(layer)), row, *span):
+                    yield from cropped({layer: crop}, window).values()
+
+    def patches(self, window: Window) -> Iterator[Patch]:
+        """Yield what the tiles of a window hold, neighbours with few cells together, row by row."""
+        for row in self.directory.rows(window):
+            yield from joined_patches(self.row(row, window))
+
+    def row(self, row: int, window: Window) -> Iterator[tuple[int, Patch]]:
+        """Yield the columns of a row's tiles of a window, and what each holds there."""
+        for span in self._spans(row, window):
+            stored = self._stored(_LAYERS, row, *span)
+            for column, crops in groupby(stored, key=itemgetter(0)):
+                patch = cropped({layer: crop for _, layer, crop in crops}, window)
+                if patch:
+                    yield column, patch
+
+    def _spans(self, row: int, window: Window) -> Iterator[tuple[int, int]]:
+        """Yield first and last column of a few of a row's tiles, then of the next few."""
+        columns = self.directory.columns(row, window)
+        for start in range(0, len(columns), _AT_ONCE):
+            yield columns[start], columns[min(start + _AT_ONCE, len(columns)) - 1]
+
+    def areas(self, window: Window) -> Iterator[Window]:
+        """Yield the parts of a window whose tiles hold anything, a few tiles at a time."""
+        for row in self.directory.rows(window):
+            columns = self.directory.columns(row, window)
+            yield from joined((TileKey(row, column) for column in columns), window)
+
+    def _stored(
+        self, layers: str, row: int, first: int, last: int | None = None
+    ) -> Iterator[tuple[int, Layer, Crop]]:
+        """Yield column, layer and cells of what is stored of a row's tiles first … last."""
+        for layer, column, row0, row1, column0, column1, data in self._database.all(
+            'SELECT layer, "column", row0, row1, column0, column1, data'
+            " FROM tile LEFT JOIN cells ON cells.tile = tile.id"
+            f' WHERE layer IN ({layers}) AND row = ? AND "column" BETWEEN ? AND ?'
+            ' ORDER BY "column"',
+            (row, first, first if last is None else last),
+            CELLS,
+        ):
+            with self._database.sound(f"tile {row}, {column}"):
+                tile_place(column)
+                inner = bounds_in_tile(row0, row1, column0, column1)
+                cells = decode(Layer(layer), inner, data)
+            bounds = Window(
+                row * TILE + row0, row * TILE + row1,
+                column * TILE + column0, column * TILE + column1,
+            )  # fmt: skip
+            yield column, Layer(layer), Crop(bounds, cells)

@@ -1,0 +1,1 @@
+"""What a grid says of itself, of a place, of its robots, and of another grid."""

@@ -1,0 +1,171 @@
+"""What changed from one grid to another: necessity and possibility side by side, B - A.
+
+Brown is towards a wall, blue away from it, as in the map; white is known and unchanged.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from possmap.core.lattice import Window
+from possmap.inspection.difference import CellPair, Changes, known
+from possmap.pictures import compose, palettes
+from possmap.pictures.frame import Panel, framed
+from possmap.pictures.keys import ColourBar, Entry, Group, Key
+from possmap.pictures.layers import Indices
+from possmap.pictures.palettes import Table
+from possmap.pictures.png import palette_image
+from possmap.pictures.raster import Raster
+from possmap.pictures.text import font
+
+PANELS = ("necessity", "possibility")
+"""What is drawn, of ``core.difference.QUANTITIES``, in that order."""
+
+LONGEST = 640
+"""A panel's longer side, at most, of which there are two [pixels]."""
+
+_STEPS = 127
+_UNCHANGED, _UNKNOWN = _STEPS, 255
+"""Indices: 0 … 254 for changes of -1 … +1, and what neither grid knows."""
+
+_RADIUS, _AWAY = 8, 18
+"""Of a mark's circle, and how far it stands right of and above its place [pixels]."""
+_FINE = 4
+"""Marks are drawn so much larger and then reduced."""
+
+
+@dataclass(frozen=True)
+class Mark:
+    """One of the largest changes: its number in the list, its place [m], and what changed."""
+
+    number: int
+    x: float
+    y: float
+    quantity: str
+
+
+class Canvas:
+    """Gathers changes into the blocks of a picture: it is as large as that, not as the grids.
+
+    A block shows the largest change of its cells, either way: a mean would hide changed walls.
+    """
+
+    def __init__(self, raster: Raster) -> None:
+        self.raster = raster
+        self._known = np.zeros(raster.blocks, dtype=np.uint8)
+        shape = (len(PANELS), *raster.blocks)
+        self._up, self._down = np.zeros(shape, dtype=np.uint8), np.zeros(shape, dtype=np.uint8)
+
+    def add(self, pair: CellPair, found: Changes) -> None:
+        """Add cells, and what changes among them."""
+        blocks = self.raster.blocks_of(pair.window)
+        seen = known(pair.a) | known(pair.b)
+        target = self._known[blocks.where]
+        np.maximum(target, blocks.largest(seen.astype(np.uint8)), out=target)
+        if not found.row.size:
+            return
+        at = (found.row - pair.window.row0, found.column - pair.window.column0)
+        for number in range(len(PANELS)):
+            level = np.rint(_STEPS * (found.b[number] - found.a[number])).astype(np.int16)
+            for whole, change in ((self._up, level), (self._down, -level)):
+                cells = np.zeros(pair.window.shape, dtype=np.uint8)
+                cells[at] = np.maximum(change, 0)
+                target = whole[number][blocks.where]
+                np.maximum(target, blocks.largest(cells), out=target)
+
+    def indices(self, number: int) -> Indices:
+        """Return the palette indices of a panel, the first row the highest y."""
+        up, down = self._up[number], self._down[number]
+        index = np.where(up >= down, _UNCHANGED + up, _UNCHANGED - down)
+        index[self._known == 0] = _UNKNOWN
+        found: Indices = index[::-1].astype(np.uint8)
+        return found
+
+
+@cache
+def table() -> Table:
+    """Return the 256 colours of a panel."""
+    less = palettes.ramp((palettes.PAPER, *palettes.FREE_STOPS), _STEPS + 1)
+    more = palettes.ramp((palettes.PAPER, *palettes.WALL_STOPS), _STEPS + 1)
+    colours: Table = np.rint(np.vstack([less[::-1], more[1:], [palettes.UNKNOWN]])).astype(np.uint8)
+    return colours
+
+
+def raster_for(window: Window, exact: bool) -> Raster:
+    """Choose how the panels are drawn; ``exact``: without a margin."""
+    return compose.furnished_raster(window, exact, None, LONGEST)
+
+
+def drawn(
+    canvas: Canvas, names: tuple[str, str], resolution: float, marks: Sequence[Mark]
+) -> Image.Image:
+    """Return the picture.
+
+    names : of A and B.
+    """
+    panels = []
+    for number, quantity in enumerate(PANELS):
+        picture = palette_image(canvas.indices(number), table(), canvas.raster.scale).convert("RGB")
+        shown = [mark for mark in marks if mark.quantity == quantity]
+        _paint(picture, shown, canvas.raster, resolution)
+        panels.append(Panel(picture, canvas.raster, f"{quantity} of a wall: B - A"))
+    scale = table()[:_UNKNOWN]
+    ends = ("-1", "+1")
+    entries = [
+        Entry("box", palettes.PAPER, "known, no change"),
+        Entry("box", palettes.UNKNOWN, "unknown in both"),
+    ]
+    if any(mark.quantity in PANELS for mark in marks):
+        entries.append(Entry("ring", palettes.INK, "largest changes, as listed"))
+    keys: list[Key] = [
+        ColourBar("necessity: B - A", scale, ends, ("less wall", "more wall")),
+        ColourBar("possibility: B - A", scale, ends, ("denies more", "denies less")),
+        Group(entries),
+    ]
+    subtitle = f"A: {names[0]}; B: {names[1]}; {resolution:g} m per cell"
+    if canvas.raster.shrink > 1:
+        shrink = canvas.raster.shrink
+        subtitle += f"; a pixel is the largest change of {shrink} x {shrink} cells"
+    return framed(panels, keys, f"{names[0]} -> {names[1]}", subtitle, resolution)
+
+
+def _paint(image: Image.Image, marks: Sequence[Mark], raster: Raster, resolution: float) -> None:
+    """Draw numbers beside places, with lines to them, so that they hide no change there.
+
+    A number that would lie over an earlier one is left out.
+    """
+    taken: list[tuple[float, float]] = []
+    for mark in marks:
+        x, y = raster.to_pixel(mark.x, mark.y, resolution)
+        middle_x = x + (_AWAY if x + _AWAY + _RADIUS < image.width else -_AWAY)
+        middle_y = y + (-_AWAY if y - _AWAY - _RADIUS > 0 else _AWAY)
+        if all(math.hypot(middle_x - u, middle_y - v) > 2 * _RADIUS + 1 for u, v in taken):
+            taken.append((middle_x, middle_y))
+            _sign(image, mark.number, (x, y), (middle_x, middle_y))
+
+
+def _sign(
+    image: Image.Image, number: int, place: tuple[float, float], middle: tuple[float, float]
+) -> None:
+    """Draw a number in a circle, and a line from there to a place [pixels]."""
+    size = 4 * _AWAY
+    left, top = (round(at - size / 2) for at in place)
+    sheet = Image.new("RGBA", (size * _FINE, size * _FINE))
+    draw = ImageDraw.Draw(sheet)
+    ink, paper = (*palettes.INK, 255), (*palettes.PAPER, 255)
+    (x, y), (u, v) = (((at[0] - left) * _FINE, (at[1] - top) * _FINE) for at in (place, middle))
+    draw.line((x, y, u, v), paper, 3 * _FINE)
+    draw.line((x, y, u, v), ink, _FINE)
+    dot, circle = 2 * _FINE, _RADIUS * _FINE
+    draw.ellipse((x - dot, y - dot, x + dot, y + dot), ink, paper, _FINE)
+    draw.ellipse((u - circle, v - circle, u + circle, v + circle), paper, ink, _FINE)
+    letters = font(round((1.4 if number < 10 else 1.1) * circle))
+    draw.text((u, v), str(number), ink, letters, "mm")
+    sheet = sheet.resize((size, size), Image.Resampling.BOX)
+    image.paste(sheet, (left, top), sheet)

@@ -1,0 +1,1 @@
+"""Around the method: robots simulated, recorded, calibrated and judged."""

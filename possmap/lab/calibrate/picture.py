@@ -1,0 +1,239 @@
+"""The report of a calibration: per robot scatter, growth with distance, turns, and the words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from possmap.lab.calibrate.factor import JOINT, rectangle_factor
+from possmap.lab.calibrate.heading import LEAST
+from possmap.lab.calibrate.model import directions, lengths
+from possmap.lab.calibrate.results import Calibration, RobotResult
+from possmap.lab.calibrate.trials import Floats, Table
+from possmap.lab.calibrate.verdict import verdict
+from possmap.pictures import palettes
+from possmap.pictures.charts import Axis, Chart, Point, Series
+from possmap.pictures.palettes import Colour
+from possmap.pictures.text import LARGE, LINE, NORMAL, SMALL, fitted, width, write
+
+BLUE: Colour = (0, 114, 178)
+ORANGE: Colour = (230, 159, 0)
+VERMILION: Colour = (213, 94, 0)
+"""Told apart by people who see fewer colours (Okabe and Ito); marks and dashes tell them too."""
+
+MOST = 7
+"""Robots drawn; the text has the others."""
+
+_PAD, _CHART = 18, (480, 400)
+_WIDE = 3 * _CHART[0]
+_MOST_DOTS = 2000
+_FEW_LINES, _CIRCLE = 14, 96
+
+
+def sheet(found: Calibration) -> Image.Image:
+    """Return the report: a row of three charts and some words for each robot, and for all."""
+    everyone = [*found.robots, *([found.pooled] if found.pooled else [])]
+    shown = everyone if len(everyone) <= MOST else [*everyone[: MOST - 1], everyone[-1]]
+    rows = [_row(one) for one in shown]
+    top = _PAD + LARGE + 10
+    more = len(everyone) - len(shown)
+    high = top + sum(row.height + _PAD for row in rows) + (LINE + _PAD if more else 0)
+    page = Image.new("RGB", (_WIDE + 2 * _PAD, high), palettes.PAPER)
+    draw = ImageDraw.Draw(page)
+    write(draw, (_PAD, _PAD), "How wrong the robots are", LARGE, palettes.INK)
+    y = top
+    for row in rows:
+        page.paste(row, (_PAD, y))
+        y += row.height + _PAD
+    if more:
+        words = f"{more} more robots are in the text and in the model"
+        write(draw, (_PAD, y), words, NORMAL, palettes.FAINT)
+    return page
+
+
+def _row(one: RobotResult) -> Image.Image:
+    lines = list(_words(one))
+    charts = [_scatter(one), _growth(one), _turns(one)]
+    head = LINE + 10
+    high = head + _CHART[1] + len(lines) * LINE + 6
+    row = Image.new("RGB", (_WIDE, high), palettes.PAPER)
+    draw = ImageDraw.Draw(row)
+    draw.line((0, 0, _WIDE, 0), palettes.FAINT)
+    factor = one.parameters.get("factor")
+    title = f"{one.robot or 'all together'}: {len(one.trials)} trials" + (
+        "" if factor is None else f", half-widths of {factor:.3f} standard deviations"
+    )
+    write(draw, (0, LINE), fitted(title, NORMAL, _WIDE), NORMAL, palettes.INK, "ls")
+    for number, chart in enumerate(charts):
+        row.paste(chart.drawn(_CHART, legend_lines=2), (number * _CHART[0], head))
+    for number, line in enumerate(lines):
+        write(draw, (0, head + _CHART[1] + (number + 1) * LINE), line, SMALL, palettes.INK, "ls")
+    return row
+
+
+def _words(one: RobotResult) -> Iterator[str]:
+    """Yield lines: the model, then what the trials say, as long as there is room."""
+    model = ", ".join(
+        f"{name} {value:.4g}" for name, value in one.parameters.items() if name != "factor"
+    )
+    lines = list(_wrapped(f"Model: {model}."))
+    for sentence in (*verdict(one), *one.notes):
+        lines += _wrapped(sentence)
+    if len(lines) > _FEW_LINES:
+        lines = [*lines[: _FEW_LINES - 1], "... the text says the rest."]
+    yield from lines
+
+
+def _wrapped(text: str) -> Iterator[str]:
+    line = ""
+    for word in text.replace("±", "+-").split():
+        longer = f"{line} {word}".strip()
+        if line and width(longer, SMALL) > _WIDE - 10:
+            yield line
+            longer = f"   {word}"
+        line = longer
+    yield fitted(line, SMALL, _WIDE - 10)
+
+
+def _left(one: RobotResult) -> tuple[Floats, Floats, Floats]:
+    """Return distance [m], and what is left along and across [m per m], of each run."""
+    table = Table.of(one.trials)
+    fit = one.fit
+    if fit.heading.runs < LEAST:
+        return np.empty(0), np.empty(0), np.empty(0)
+    along = lengths(table, fit.heading.effect("drift")) / fit.scale - 1
+    off, _ = directions(table, fit.heading)
+    return table.distance[table.run], along, np.tan(np.radians(off))
+
+
+def _dots(x: Floats, y: Floats) -> list[Point]:
+    step = max(1, len(x) // _MOST_DOTS)
+    return list(zip(x[::step].tolist(), y[::step].tolist(), strict=True))
+
+
+def _scatter(one: RobotResult) -> Chart:
+    _, along, across = _left(one)
+    along, across = 100 * along, 100 * across
+    series: list[Series] = []
+    wide = high = 1.0
+    if len(along) >= LEAST:
+        factor = rectangle_factor(len(along))
+        half_x, half_y = factor * float(across.std(ddof=1)), factor * float(along.std(ddof=1))
+        corners = [(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]
+        box = [(half_x * sx, half_y * sy) for sx, sy in corners]
+        ellipse = _ellipse(across, along)
+        wide = _reach(across, max(half_x, *(abs(x) for x, _ in ellipse)))
+        high = _reach(along, max(half_y, *(abs(y) for _, y in ellipse)))
+        dots = _dots(across, along)
+        series = [
+            Series("run", dots, BLUE, "disc", False, radii=[3.0] * len(dots), alpha=130),
+            Series("rectangle for a new run", box, VERMILION, "none"),
+            Series("ellipse", ellipse, (0, 0, 0), "none", dash=4),
+        ]
+    return Chart(
+        f"ends of runs, what is known taken out, and where {JOINT:.0%} of new ones lie",
+        Axis("across [cm per m run], left is positive", -wide, wide),
+        Axis("along [cm per m run]", -high, high),
+        series,
+        empty="too few runs",
+    )
+
+
+def _reach(values: Floats, outline: float) -> float:
+    """Return how far an axis goes: what lies far outside is drawn at its end."""
+    return min(2.5 * outline, 1.15 * max(outline, float(np.abs(values).max())))
+
+
+def _ellipse(x: Floats, y: Floats) -> list[Point]:
+    """Return the ellipse that holds 95 % of new runs, if errors are normal (Hotelling's T²)."""
+    from scipy import stats
+
+    count = len(x)
+    covariance = np.cov(x, y)
+    values, axes = np.linalg.eigh(covariance)
+    # Of few trials none is honest: it would be endless.
+    df = max(1, count - 2)
+    square = 2 * (count - 1) * (count + 1) / (count * df) * float(stats.f.ppf(JOINT, 2, df))
+    angles = np.linspace(0, 2 * math.pi, _CIRCLE)
+    circle = np.stack([np.cos(angles), np.sin(angles)])
+    points = axes @ (np.sqrt(np.maximum(values, 0) * square)[:, None] * circle)
+    middle = np.array([[x.mean()], [y.mean()]])
+    return [(float(px), float(py)) for px, py in (points + middle).T]
+
+
+def _growth(one: RobotResult) -> Chart:
+    distance, along, across = _left(one)
+    series: list[Series] = []
+    far = high = 1.0
+    if len(distance) >= LEAST:
+        factor = rectangle_factor(len(distance))
+        far = 1.08 * float(distance.max())
+        highest = 0.0
+        for name, values, colour, mark, dash in (
+            ("across", across, BLUE, "disc", 0), ("along", along, ORANGE, "square", 6),
+        ):  # fmt: skip
+            errors = np.abs(values) * distance
+            slope = factor * float(values.std(ddof=1))
+            highest = max(highest, float(errors.max()), slope * far)
+            dots = _dots(distance, errors)
+            series.append(
+                Series(name, dots, colour, mark, False, radii=[3.0] * len(dots), alpha=140)  # type: ignore[arg-type]
+            )
+            line = [(0.0, 0.0), (far, slope * far)]
+            series.append(Series(f"half-width {name}", line, colour, "none", dash=dash))
+        high = 1.1 * highest
+    return Chart(
+        "error against distance: in proportion?",
+        Axis("distance run [m]", 0, far),
+        Axis("error, what is known taken out [m]", 0, high),
+        series,
+        empty="too few runs",
+    )
+
+
+def _turns(one: RobotResult) -> Chart:
+    fit = one.fit.heading
+    table = Table.of(one.trials)
+    turning = np.array([trial.is_turn for trial in one.trials], dtype=np.bool_)
+    bend = np.where(np.isnan(table.bend), 0.0, table.bend)
+    turn = table.turn + np.where(table.told, bend, 0.0)
+    reach = table.distance * np.where(table.told, 1.0, 0.5)
+    errors = np.where(table.told, table.heading, table.direction) - fit.effect("drift") * reach
+    which = turning & ~np.isnan(errors)
+    series: list[Series] = []
+    wide = high = 1.0
+    if fit.turns >= LEAST and which.any():
+        wide = 1.1 * float(np.abs(turn[which]).max())
+        at = np.linspace(-wide, wide, 81)
+        parts = np.abs(at) / 45
+        known = fit.effect("turn_bias") * parts + fit.effect("turn_gain") * at
+        spread = np.sqrt(
+            (fit.variance("run") if table.distance[which].any() else 0.0)
+            + fit.variance("turn") * parts
+            + fit.variance("outing_turn") * parts**2
+        )
+        half = rectangle_factor(max(LEAST, fit.turns)) * spread
+        high = 1.1 * max(
+            float(np.abs(errors[which]).max()), float(np.abs(known).max() + half.max())
+        )
+        dots = _dots(turn[which], errors[which])
+        series = [
+            Series("trial", dots, BLUE, "disc", False, radii=[3.0] * len(dots), alpha=130),
+            Series("known part", _line(at, known), VERMILION, "none"),
+            Series("half-width about it", _line(at, known + half), (0, 0, 0), "none", dash=4),
+            Series("", _line(at, known - half), (0, 0, 0), "none", dash=4),
+        ]
+    return Chart(
+        "heading error against turn: always to one side?",
+        Axis("turn [deg], left is positive", -wide, wide),
+        Axis("heading error, drift taken out [deg]", -high, high),
+        series,
+        empty="too few turns",
+    )
+
+
+def _line(x: Floats, y: Floats) -> Sequence[Point]:
+    return list(zip(x.tolist(), y.tolist(), strict=True))

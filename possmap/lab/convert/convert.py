@@ -1,0 +1,216 @@
+"""From a recording's samples to the records of its excursions: the whole way, in order."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from possmap.lab.convert.block import Block, converted
+from possmap.lab.convert.claims import Claims
+from possmap.lab.convert.legs import Piece, Reference, Start, legs
+from possmap.lab.convert.lines import FittedWall
+from possmap.lab.convert.log import JsonRecord, LogBuilder
+from possmap.lab.convert.odometry import Laying
+from possmap.lab.convert.orthogonal import Alignment, Bearing
+from possmap.lab.convert.samples import Floats, Mount, Samples, blinded, joined
+from possmap.lab.convert.settings import ConvertSettings
+from possmap.lab.convert.straightening import Straightening
+from possmap.lab.convert.strays import Strays
+from possmap.lab.convert.tally import Tally
+
+BLOCK = 4096
+"""Samples that are looked at together: walls and runs do not go on beyond."""
+
+
+class Sink(Protocol):
+    """Takes in excursions as they come about."""
+
+    def begin(self, leg: int) -> None:
+        """Begin the log of a leg, numbered from 0."""
+
+    def record(self, record: JsonRecord) -> None:
+        """Take in the next record."""
+
+    def end(self) -> None:
+        """End the log."""
+
+
+@dataclass(slots=True)
+class Outcome:
+    """What came of a recording.
+
+    samples, legs, way : how many, how many, and how far they went [m].
+    kinds : records by kind. followed : walls that claim it. readings : within reach.
+    turned_deg : how much the headings of the logs turn in all.
+    strays : of the samples from the simplified track.
+    bearings : fitted walls, for the building's axes.
+    """
+
+    samples: int = 0
+    legs: int = 0
+    way: float = 0.0
+    followed: int = 0
+    readings: int = 0
+    turned_deg: float = 0.0
+    kinds: dict[str, int] = field(default_factory=dict)
+    strays: Strays = field(default_factory=Strays)
+    bearings: list[Bearing] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """Where a recording begins, and what is known of its heading.
+
+    start : of the first leg; None: where the recording has it. reference : poses for each leg.
+    errors : half-widths of each leg's first pose, x, y [m] and heading [deg].
+    alignment : the heading's error, from walls.
+    """
+
+    start: Start | None = None
+    reference: Reference | None = None
+    errors: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    alignment: Alignment | None = None
+
+
+def convert(
+    recorded: Iterable[Samples],
+    mounts: Sequence[Mount],
+    place: Place,
+    settings: ConvertSettings,
+    sink: Sink,
+    tally: Tally,
+) -> Outcome:
+    """Turn a stream of samples into logs.
+
+    Known errors are taken out, the track is cut into legs and laid where they begin, the heading
+    straightened by the building's axes if these are known; then block by block the track becomes
+    runs, and readings walls.
+    """
+    outcome = Outcome()
+    laying = Laying(settings.known)
+    track = (laying.lay(samples) for samples in recorded if len(samples))
+    now: _Leg | None = None
+    for piece in legs(track, settings.legs, place.start, place.reference, tally):
+        if now is None or now.number != piece.leg:
+            if now is not None:
+                now.finish()
+            now = _Leg(piece.leg, mounts, place, settings, sink, tally, outcome)
+        now.take(piece)
+    if now is not None:
+        now.finish()
+    return outcome
+
+
+class _Leg:
+    """One excursion that is being converted."""
+
+    def __init__(
+        self,
+        number: int,
+        mounts: Sequence[Mount],
+        place: Place,
+        settings: ConvertSettings,
+        sink: Sink,
+        tally: Tally,
+        outcome: Outcome,
+    ) -> None:
+        self.number = number
+        self._mounts = mounts
+        self._settings = settings
+        self._sink = sink
+        self._tally = tally
+        self._outcome = outcome
+        self._straight = None if place.alignment is None else Straightening(place.alignment, number)
+        self._claims = None if place.alignment is None else Claims(place.alignment)
+        self._log = LogBuilder(place.errors)
+        self._held: list[Samples] = []
+        self._ways: list[Floats] = []
+        self._past: list[Samples] = []
+        self._end: tuple[float, float] | None = None
+        self._way = 0.0
+        outcome.legs += 1
+        sink.begin(number)
+
+    def take(self, piece: Piece) -> None:
+        """Take in the next samples; convert them when there are enough."""
+        samples = piece.samples
+        if self._straight is not None:
+            samples = self._straight.lay(samples, piece.way)
+        self._held.append(samples)
+        self._ways.append(piece.way)
+        if sum(map(len, self._held)) >= BLOCK:
+            self._convert(last=False)
+
+    def finish(self) -> None:
+        """Convert what is left."""
+        self._convert(last=True)
+        self._write(self._log.finish())
+        self._outcome.way += self._way
+        self._outcome.turned_deg += self._log.turned_deg
+        self._sink.end()
+
+    def _convert(self, last: bool) -> None:
+        samples, way = joined(self._held), np.concatenate(self._ways)
+        if not last:
+            cut = self._cut(samples)
+            if cut is None:
+                self._held, self._ways = [samples], [way]
+                return
+            block, block_way = samples.part(0, cut + 1), way[: cut + 1]
+            self._held, self._ways = [blinded(samples.part(cut))], [way[cut:]]
+        else:
+            block, block_way = samples, way
+        around = joined([*self._past, samples])
+        found = converted(
+            block, self._mounts, around, self._settings, self._tally, self._claims, self._end
+        )
+        self._end = float(found.outline.x[-1]), float(found.outline.y[-1])
+        self._told(found, block, block_way)
+        old = int(np.searchsorted(block.t, block.t[-1] - self._settings.echo_s))
+        self._past = [block.part(old, -1)]
+
+    def _cut(self, samples: Samples) -> int | None:
+        """Return where a block can end: late, but with enough behind it to know echoes by."""
+        cut = int(np.searchsorted(samples.t, samples.t[-1] - self._settings.echo_s)) - 1
+        if cut < BLOCK // 2 and len(samples) < 4 * BLOCK:
+            return None
+        return max(cut, 1)
+
+    def _told(self, found: Block, block: Samples, way: Floats) -> None:
+        """Hand on a block's poses and sightings."""
+        outcome, poses = self._outcome, found.outline
+        first = 1 if self._log.begun else 0  # the block before ended where this one begins
+        for number in range(first, len(poses.index)):
+            index = int(poses.index[number])
+            self._write(
+                self._log.pose(
+                    float(block.t[index]),
+                    float(poses.x[number]),
+                    float(poses.y[number]),
+                    math.degrees(float(block.yaw[index])),
+                    found.seen[number - 1] if number else [],
+                )
+            )
+        outcome.strays.add(found.strays[first:])
+        outcome.readings += found.readings
+        outcome.samples += len(found.strays) - first
+        self._way = float(way[-1])
+        for wall in found.walls:
+            self._bearing(wall, way)
+
+    def _bearing(self, wall: FittedWall, way: Floats) -> None:
+        middle = int(wall.index[len(wall.index) // 2])
+        self._outcome.bearings.append(
+            Bearing(self.number, float(way[middle]), wall.angle, wall.length)
+        )
+
+    def _write(self, records: Iterable[JsonRecord]) -> None:
+        for record in records:
+            kind = record["kind"]
+            self._outcome.kinds[kind] = self._outcome.kinds.get(kind, 0) + 1
+            self._outcome.followed += bool(record.get("followed"))
+            self._sink.record(record)

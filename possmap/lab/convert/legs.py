@@ -1,0 +1,143 @@
+"""A recording cut into excursions, and each laid where it is known to have begun."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from possmap.lab.convert.samples import Floats, Samples, blinded, joined
+from possmap.lab.convert.tally import Tally
+
+Start: TypeAlias = tuple[float, float, float]
+"""Where a leg begins: x, y [m] and heading [rad]."""
+
+BEFORE_REFERENCE = "samples before the first reference pose of a leg, left out"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reference:
+    """Poses known from elsewhere; n of them, in the order of time.
+
+    t : [s]. x, y : [m]. yaw : without jumps of a full turn [rad].
+    gap : between two poses no farther apart in time one may interpolate [s].
+    """
+
+    t: Floats
+    x: Floats
+    y: Floats
+    yaw: Floats
+    gap: float = 3.0
+
+    def at(self, t: float) -> Start | None:
+        """Return the pose at a time; None where none is near."""
+        after = int(np.searchsorted(self.t, t))
+        if after == len(self.t) or (after == 0 and self.t[0] != t):
+            return None
+        if self.t[after] != t and self.t[after] - self.t[after - 1] > self.gap:
+            return None
+        x, y, yaw = (float(np.interp(t, self.t, column)) for column in (self.x, self.y, self.yaw))
+        return x, y, yaw
+
+
+class Piece(NamedTuple):
+    """A piece of a leg: its number from 0, its samples, and the way driven in the leg [m]."""
+
+    leg: int
+    samples: Samples
+    way: Floats
+
+
+def legs(
+    track: Iterable[tuple[Samples, Floats]],
+    length: float | None,
+    start: Start | None,
+    reference: Reference | None,
+    tally: Tally,
+) -> Iterator[Piece]:
+    """Cut a track into legs, and lay each from where it begins.
+
+    Parameters
+    ----------
+    track
+        Samples and the way so far [m], piece by piece.
+    length
+        Of a leg [m]; None: the whole track is one.
+    start
+        Where the first leg begins; None: where the recording has it.
+    reference
+        Poses of which each leg begins at its own; samples before are left out.
+    """
+    leg, began, fresh = -1, 0.0, True
+    laid: _Laid | None = None
+    held: tuple[Samples, Floats] | None = None
+    for samples, way in track:
+        if held is not None:
+            samples, way = joined([held[0], samples]), np.concatenate([held[1], way])
+            held = None
+        while len(samples):
+            if fresh:
+                first = _first(samples, reference)
+                tally.add(BEFORE_REFERENCE, count=first)
+                samples, way = samples.part(first), way[first:]
+                if len(samples) < 2:  # a leg has at least two; the next piece may bring one
+                    held = (samples, way) if len(samples) else None
+                    break
+                leg, began, fresh = leg + 1, float(way[0]), False
+                if laid is None or reference is not None:
+                    laid = _Laid.from_first(samples, start, reference)
+            over = len(samples)
+            if length is not None:
+                over = int(np.searchsorted(way, began + length))
+            assert laid is not None
+            yield Piece(leg, laid.lay(samples.part(0, over + 1)), way[: over + 1] - began)
+            if over == len(samples):
+                break
+            # The sample at the cut ends one leg and begins the next, which has not its readings.
+            samples, way, fresh = blinded(samples.part(over)), way[over:], True
+
+
+def _first(samples: Samples, reference: Reference | None) -> int:
+    """Return the first sample at which a leg can begin."""
+    if reference is None:
+        return 0
+    for index, t in enumerate(samples.t.tolist()):
+        if reference.at(t) is not None:
+            return index
+    return len(samples)
+
+
+@dataclass(frozen=True, slots=True)
+class _Laid:
+    """A rigid motion: turned about the origin, then shifted. turn [rad], x, y [m]."""
+
+    turn: float
+    x: float
+    y: float
+
+    @classmethod
+    def from_first(
+        cls, samples: Samples, start: Start | None, reference: Reference | None
+    ) -> _Laid:
+        """Return the motion that lays the first sample where the leg begins."""
+        x0, y0, yaw0 = float(samples.x[0]), float(samples.y[0]), float(samples.yaw[0])
+        if reference is not None:
+            start = reference.at(float(samples.t[0]))
+        if start is None:
+            return cls(0.0, 0.0, 0.0)
+        x, y, yaw = start
+        turn = yaw - yaw0
+        cos, sin = math.cos(turn), math.sin(turn)
+        return cls(turn, x - (cos * x0 - sin * y0), y - (sin * x0 + cos * y0))
+
+    def lay(self, samples: Samples) -> Samples:
+        """Return the samples moved."""
+        cos, sin = math.cos(self.turn), math.sin(self.turn)
+        return samples.moved(
+            self.x + cos * samples.x - sin * samples.y,
+            self.y + sin * samples.x + cos * samples.y,
+            samples.yaw + self.turn,
+        )

@@ -1,0 +1,221 @@
+"""``possmap convert``: recordings of robots that already exist, written as logs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from possmap.atomic import check_output
+from possmap.core.model import ErrorModel
+from possmap.errors import OutputError, RecordingError, SettingsError, plural, printable
+from possmap.lab.convert.convert import Outcome, Place, convert
+from possmap.lab.convert.legs import Reference, Start
+from possmap.lab.convert.log import JsonRecord
+from possmap.lab.convert.orthogonal import Alignment, align
+from possmap.lab.convert.request import Request, names_of, starts_of
+from possmap.lab.convert.samples import unwrapped
+from possmap.lab.convert.settings import ConvertSettings
+from possmap.lab.convert.tally import Tally
+from possmap.lab.recordings import Recording, open_recordings
+from possmap.lab.recordings.recording import left_out
+from possmap.logs.writing import LEG, LogWriter, check_name, is_folder, writing
+
+APPLIED = ("drift", "turn_gain", "scale")
+"""Parameters that are taken out of the track here, and so are not written into the log."""
+
+
+@dataclass(frozen=True, slots=True)
+class Converted:
+    """One recording, converted.
+
+    robot : its name in the logs. beams : how many were used. outcome : what came of it.
+    tally : what was left out on the way. alignment : with ``--orthogonal``.
+    """
+
+    recording: str
+    robot: str
+    beams: int
+    outcome: Outcome
+    tally: Tally
+    alignment: Alignment | None
+
+
+def convert_recordings(
+    paths: Sequence[Path],
+    output: Path,
+    request: Request,
+    *,
+    overwrite: bool = False,
+    progress: Callable[[int, str], Any] | None = None,
+) -> list[Converted]:
+    """Convert recordings, and write their logs into one file or folder.
+
+    Parameters
+    ----------
+    progress
+        Called with the bytes to read and what is done; gives a context that is told bytes read.
+
+    Raises
+    ------
+    RecordingError, SettingsError
+        If a recording cannot be used.
+    OutputError
+        If the output exists, or cannot be written.
+    """
+    recordings = open_recordings(paths, request.source)
+    check_name(output, several=len(recordings) > 1 or request.settings.legs is not None)
+    if not is_folder(output):
+        check_output(output, overwrite)
+        _check_is_no_source(output, paths)
+    starts = _starts(recordings, request)
+    reference = _reference(request)
+    names = names_of(recordings, request)
+    with writing(output, overwrite) as writer:
+        return [
+            _convert_one(
+                recording,
+                name,
+                Place(start=start, reference=reference, errors=request.errors),
+                request,
+                writer,
+                progress,
+            )
+            for recording, name, start in zip(recordings, names, starts, strict=True)
+        ]
+
+
+def _check_is_no_source(output: Path, paths: Sequence[Path]) -> None:
+    if any(output.resolve() == path.resolve() for path in paths):
+        name = printable(str(output))
+        raise OutputError(f"{name}: is the recording itself, expected the name of a log")
+
+
+def _starts(recordings: Sequence[Recording], request: Request) -> Sequence[Start | None]:
+    """Return where each recording begins, in their order; None: where it has it itself."""
+    starts = request.starts
+    if request.starts_file is not None:
+        starts = starts_of(request.starts_file, [recording.name for recording in recordings])
+    if starts and len(starts) != len(recordings):
+        found, several = len(starts), plural(len(recordings), "recording")
+        raise SettingsError(f"--start: found {found} for {several}, expected one for each")
+    return starts or (None,) * len(recordings)
+
+
+def _convert_one(
+    recording: Recording,
+    name: tuple[str, str],
+    place: Place,
+    request: Request,
+    writer: LogWriter,
+    progress: Callable[[int, str], Any] | None,
+) -> Converted:
+    given = request.models.of(name[0])
+    settings = replace(request.settings, known=ErrorModel(**given))
+    alignment = None
+    if settings.orthogonal:
+        with _told(progress, recording, "walls") as tell:
+            # Once for the walls alone: their tally would count everything twice.
+            seen = convert(
+                recording.samples(Tally(), tell), recording.mounts, place,
+                settings, _Nowhere(), Tally(),
+            )  # fmt: skip
+        start_spread = math.radians(place.errors[2]) / settings.known.factor
+        alignment = align(seen.bearings, start_spread)
+        if alignment is not None and not alignment.is_doubtful:
+            place = replace(place, alignment=alignment)
+    tally = Tally()
+    model = {k: v for k, v in given.items() if k not in APPLIED}
+    told = place.alignment
+    if told is not None and "alignment_spread" not in model and math.isfinite(told.spread):
+        spread = math.degrees(told.spread) * settings.known.factor
+        model["alignment_spread"] = round(spread, 3)
+    sink = _Written(writer, recording, name, model, settings)
+    with _told(progress, recording, "convert") as tell:
+        outcome = convert(
+            recording.samples(tally, tell), recording.mounts, place, settings, sink, tally
+        )
+    if not outcome.legs:
+        raise RecordingError(
+            str(recording.name), left_out("gave fewer than two poses, expected a track", tally)
+        )
+    if request.models.is_silent_on(name[0]):
+        tally.add(
+            f"models that do not name the robot {name[0]}, so that the log has none "
+            f"(--robot {next(iter(request.models.robots))}?)",
+        )
+    return Converted(recording.name, name[0], len(recording.mounts), outcome, tally, alignment)
+
+
+class _Nowhere:
+    """Lets records go."""
+
+    def begin(self, leg: int) -> None:
+        """Nothing to do."""
+
+    def record(self, record: JsonRecord) -> None:
+        """Nothing to do."""
+
+    def end(self) -> None:
+        """Nothing to do."""
+
+
+class _Written:
+    """Writes a recording's legs as excursions."""
+
+    def __init__(
+        self,
+        writer: LogWriter,
+        recording: Recording,
+        name: tuple[str, str],
+        model: Mapping[str, float],
+        settings: ConvertSettings,
+    ) -> None:
+        self._writer = writer
+        self._recording = recording
+        self._name = name
+        self._model = dict(model)
+        self._legs = settings.legs is not None
+        self.record = writer.record
+        self.end = writer.end
+
+    def begin(self, leg: int) -> None:
+        robot, excursion = self._name
+        head: dict[str, Any] = {
+            "robot": robot,
+            "excursion": f"{excursion}{LEG}{leg + 1:03d}" if self._legs else excursion,
+        }
+        if self._model:
+            head["model"] = self._model
+        head["x_source"] = self._recording.name
+        self._writer.begin(head)
+
+
+@contextmanager
+def _told(
+    progress: Callable[[int, str], Any] | None, recording: Recording, what: str
+) -> Iterator[Callable[[int], None] | None]:
+    if progress is None:
+        yield None
+        return
+    with progress(recording.size, what) as tell:
+        yield tell
+
+
+def _reference(request: Request) -> Reference | None:
+    """Read the known poses, all of them: three numbers a pose stay in memory."""
+    if request.reference is None:
+        return None
+    (recording,) = open_recordings([request.reference], request.reference_source)
+    parts = list(recording.samples(Tally(), None))
+    if not parts:
+        raise RecordingError(str(request.reference), "gave no poses, expected a reference")
+    t, x, y, yaw = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("t", "x", "y", "yaw")
+    )
+    return Reference(t, x, y, unwrapped(yaw, None))

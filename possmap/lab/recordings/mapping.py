@@ -1,0 +1,232 @@
+"""Which column of a recording means what: a mapping, as YAML or on the command line.
+
+docs/convert.md describes it for users; the roles are the words for what possmap needs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping as MappingABC
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+from possmap.lab.convert.samples import Mount
+
+ROLES: MappingABC[str, str] = MappingProxyType(
+    {
+        "t": "time",
+        "x": "place",
+        "y": "place",
+        "yaw": "heading of the body",
+        "qx": "heading of the body, as a quaternion",
+        "qy": "heading of the body, as a quaternion",
+        "qz": "heading of the body, as a quaternion",
+        "qw": "heading of the body, as a quaternion",
+        "vx": "velocity along x, to check the place with",
+        "vy": "velocity along y, to check the place with",
+        "forward": "speed ahead, to compute the place from",
+        "turn": "rate of turn, to compute the place from",
+        "left": "ticks of the left wheel, to compute the place from",
+        "right": "ticks of the right wheel, to compute the place from",
+    }
+)
+
+UNITS: MappingABC[str, MappingABC[str, float]] = MappingProxyType(
+    {
+        "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+        "length": {"m": 1.0, "cm": 0.01, "mm": 1e-3, "in": 0.0254, "ft": 0.3048},
+        "range": {"m": 1.0, "cm": 0.01, "mm": 1e-3, "in": 0.0254, "ft": 0.3048},
+        "speed": {"m/s": 1.0, "cm/s": 0.01, "mm/s": 1e-3},
+        "angle": {"rad": 1.0, "deg": math.pi / 180},
+        "turn_rate": {"rad/s": 1.0, "deg/s": math.pi / 180},
+    }
+)
+"""What a unit is worth in metres, radians and seconds."""
+
+STANDARD_UNITS: MappingABC[str, str] = MappingProxyType(
+    {"time": "s", "length": "m", "range": "m", "speed": "m/s", "angle": "rad", "turn_rate": "rad/s"}
+)
+
+_NEED = (
+    frozenset({"x", "y"}),
+    frozenset({"forward", "turn"}),
+    frozenset({"left", "right"}),
+)
+_QUATERNION = frozenset({"qx", "qy", "qz", "qw"})
+
+
+@dataclass(frozen=True, slots=True)
+class Beam:
+    """One range reading of a row.
+
+    column : where it stands.
+    mount : how its sensor sits on the robot.
+    """
+
+    column: str
+    mount: Mount
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """A list of range readings of a row, evenly spread.
+
+    column : where the list stands; in a table without lists, its first column.
+    first, step : angle of the first reading, and from one to the next [rad].
+    count : how many; None where the row says so itself.
+    x, y : of the sensor in the robot's frame [m].
+    """
+
+    column: str
+    first: float
+    step: float
+    count: int | None = None
+    x: float = 0.0
+    y: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Ticks:
+    """How wheel ticks become metres.
+
+    left, right : of one tick [m].
+    track : from wheel to wheel [m].
+    wrap : how many ticks until a counter begins anew; None where it never does.
+    cumulative : whether the columns hold a counter, not what was added since the last row.
+    """
+
+    left: float
+    right: float
+    track: float
+    wrap: float | None = None
+    cumulative: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Readable:
+    """Which range readings are none.
+
+    Values are as the file has them; the bounds are metres.
+    nothing : values that mean that nothing was in sight; nothing_above : every longer reading.
+    invalid : values that mean nothing at all; invalid_above, invalid_below : as well.
+    """
+
+    nothing: tuple[float, ...] = ()
+    nothing_above: float = math.inf
+    invalid: tuple[float, ...] = ()
+    invalid_above: float = math.inf
+    invalid_below: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """One table of a recording, or one topic of a bag.
+
+    Attributes
+    ----------
+    source
+        The file's name, ``*`` standing for the recording's; or the topic. Empty: the only one.
+    columns
+        Role -> where it stands: a name, a number from 1, or a path such as ``pose.x`` or
+        ``raw[0]``.
+    beams, scan
+        Its range readings.
+    mount
+        How the sensor of a bag's standard topic sits; None: the bag says so, or nobody.
+    """
+
+    source: str = ""
+    columns: MappingABC[str, str] = field(default_factory=dict)
+    beams: tuple[Beam, ...] = ()
+    scan: Scan | None = None
+    mount: Mount | None = None
+
+    @property
+    def gives_place(self) -> bool:
+        """Whether the robot's place can be had from it."""
+        return any(need <= self.columns.keys() for need in _NEED)
+
+    @property
+    def gives_yaw(self) -> bool:
+        """Whether the body's heading can be had from it."""
+        return (
+            "yaw" in self.columns
+            or self.columns.keys() >= _QUATERNION
+            or any(need <= self.columns.keys() for need in _NEED[1:])
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Mapping:
+    """What a mapping file says.
+
+    Attributes
+    ----------
+    format
+        ``csv``, ``json`` or ``ros``.
+    tables
+        One or several, of which one gives the place.
+    rows
+        JSON: path to the rows, empty for the file's outermost list or object.
+    delimiter, header, comment
+        CSV: what parts the columns (None: any white space); whether the first row names them;
+        how a line begins that says nothing.
+    units
+        Quantity -> unit, by UNITS.
+    period
+        Seconds from row to row, where no column has the time.
+    velocity_in_body
+        Whether vx and vy are ahead and to the left, not along x and y.
+    guard
+        A step that differs more than this from the velocity is replaced by it [m]; 0: none.
+    gap
+        Readings are dropped where no pose lies within this many seconds.
+    """
+
+    format: str
+    tables: tuple[Table, ...]
+    rows: str = ""
+    delimiter: str | None = ","
+    header: bool = True
+    comment: str = "#"
+    units: MappingABC[str, str] = field(default_factory=lambda: STANDARD_UNITS)
+    ticks: Ticks | None = None
+    readable: Readable = field(default_factory=Readable)
+    period: float | None = None
+    velocity_in_body: bool = False
+    guard: float = 0.05
+    gap: float = 1.0
+
+    def worth(self, quantity: str) -> float:
+        """Return what the unit of a quantity is worth in metres, radians or seconds."""
+        return UNITS[quantity][self.units.get(quantity, STANDARD_UNITS[quantity])]
+
+
+def fault_of(tables: tuple[Table, ...], ticks: Ticks | None, in_body: bool = False) -> str | None:
+    """Return what a mapping lacks or has too much of, in one sentence; None if it can be used."""
+    places = [table for table in tables if table.gives_place]
+    if len(places) != 1:
+        found = "no table" if not places else f"{len(places)} tables"
+        return (
+            f"{found} with the robot's place, expected one with x and y, forward and turn, "
+            "or left and right"
+        )
+    (place,) = places
+    if sum(need <= place.columns.keys() for need in _NEED) > 1:
+        return "the place comes from more than one of x y, forward turn, left right; expected one"
+    if {"left", "right"} <= place.columns.keys() and ticks is None:
+        return "left and right are ticks, expected the key ticks to say what they are worth"
+    for table in tables:
+        some = _QUATERNION & table.columns.keys()
+        if some and some != _QUATERNION:
+            return f"found {', '.join(sorted(some))}, expected qx, qy, qz and qw together"
+        if "vx" in table.columns and not table.gives_place:
+            return "vx and vy check the place, expected them in the table that gives it"
+        if ("vx" in table.columns) != ("vy" in table.columns):
+            return "found one of vx and vy, expected both or none"
+    if in_body and "vx" in place.columns and not place.gives_yaw:
+        return "velocity_in_body needs the body's heading in the table of vx and vy"
+    headings = [table for table in tables if table.gives_yaw]
+    if len(headings) > 1:
+        return f"{len(headings)} tables with the body's heading, expected one"
+    return None

@@ -1,0 +1,299 @@
+"""A bag through rosbags: its topics, its messages, and one kind of error for all its faults."""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from stat import S_ISDIR, S_ISREG
+from typing import TYPE_CHECKING, TypeAlias
+
+from possmap.errors import RecordingError, printable, shown
+from possmap.lab.recordings.rosbag.checks import check_metadata
+from possmap.lab.recordings.rosbag.definitions import LONGEST_LIST, check_text, check_types
+from possmap.lab.recordings.rosbag.fields import Fields, short
+from possmap.lab.recordings.rosbag.unpack import bound_ros1, bounded_ros2
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Connection
+    from rosbags.rosbag1 import Reader as Reader1
+    from rosbags.rosbag2 import Reader as Reader2
+    from rosbags.typesys.store import Typestore
+
+Decoder: TypeAlias = Callable[[bytes], object]
+"""Makes a message of its bytes; anything may go wrong."""
+
+_ROS1, _SQLITE, _MCAP, _ZSTD = (
+    b"#ROSBAG V",
+    b"SQLite format 3\0",
+    b"\x89MCAP0\r\n",
+    b"\x28\xb5\x2f\xfd",
+)
+_KINDS = "a ROS 1 .bag, a ROS 2 .db3 or .mcap, or a ROS 2 bag's folder with its metadata.yaml"
+_SUFFIX = {_SQLITE: ".db3", _MCAP: ".mcap"}
+_LONGEST_DETAIL = 160
+_PREFIX = re.compile(r"^(Cannot open database|Could not load YAML from) .*?: ")
+_STUMBLES = (
+    AssertionError, AttributeError, IndexError, KeyError, OverflowError, RecursionError,
+    TypeError, struct.error,
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One topic of a bag.
+
+    ids : of its connections, one for each publisher. count : of its messages.
+    """
+
+    name: str
+    type: str
+    ids: frozenset[int]
+    count: int
+
+
+class Bag:
+    """A bag that is open; made by ``opened``."""
+
+    def __init__(self, path: Path, reader: Reader1 | Reader2, two: bool) -> None:
+        self.path = path
+        self._reader = reader
+        self._two = two
+
+    def topics(self) -> dict[str, Topic]:
+        """Return its topics by name. Of a topic with several types the most frequent counts."""
+        found: dict[tuple[str, str], list[Connection]] = {}
+        for connection in self._reader.connections:
+            found.setdefault((connection.topic, connection.msgtype), []).append(connection)
+        topics: dict[str, Topic] = {}
+        for (name, type_), those in found.items():
+            count = sum(max(0, one.msgcount) for one in those)
+            if name not in topics or count > topics[name].count:
+                topics[name] = Topic(name, type_, frozenset(one.id for one in those), count)
+        return topics
+
+    def decoder(self, topic: Topic) -> tuple[Fields, Decoder]:
+        """Return what a topic's messages consist of, and what makes messages of bytes.
+
+        Raises
+        ------
+        RecordingError
+            If the bag does not tell, or not in a way that can be understood.
+        """
+        connection = next(one for one in self._reader.connections if one.id in topic.ids)
+        form = getattr(connection.ext, "serialization_format", "cdr")
+        if form != "cdr":
+            raise RecordingError(
+                str(self.path),
+                f"topic {printable(topic.name)}: found messages written as {shown(form)}, "
+                'expected "cdr"',
+            )
+        try:
+            store = _store(connection)
+            _ = store and store.get_msgdef(topic.type)  # compiled now, so that faults show
+        except Exception as error:  # the parsers have many ways to fail on what they do not know
+            raise RecordingError(
+                str(self.path),
+                f"topic {printable(topic.name)}: the definition of {short(topic.type)} cannot be "
+                f"understood: {_detail(error)}",
+            ) from error
+        if store is None:
+            raise RecordingError(
+                str(self.path),
+                f"topic {printable(topic.name)}: the bag does not say what {short(topic.type)} "
+                "consists of, and it is no standard type; expected a bag with message "
+                "definitions, such as an .mcap",
+            )
+        read = store.deserialize_cdr if self._two else store.deserialize_ros1
+        fields = Fields(str(self.path), topic.name, topic.type, store.fielddefs)
+        return fields, lambda data: read(data, topic.type)
+
+    def messages(self, ids: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
+        """Yield connection, the bag's time [ns] and bytes of the messages, in the bag's order.
+
+        Raises
+        ------
+        RecordingError
+            If it is damaged. A bag that was cut short is refused when it is opened: every format
+            has its index, or its size, where rosbags looks first.
+        """
+        wanted = [one for one in self._reader.connections if one.id in ids]
+        if not wanted:  # which would mean all of them to rosbags
+            return
+        stream: Iterator[tuple[Connection, int, bytes]] = iter(())
+        started = False
+        while True:
+            try:
+                if not started:
+                    stream, started = self._reader.messages(connections=wanted), True
+                item = next(stream, None)
+            except Exception as error:  # of lz4, bz2, zstd, apsw, struct, and plain assertions
+                raise RecordingError(str(self.path), f"damaged: {_detail(error)}") from error
+            if item is None:
+                return
+            connection, stamp, data = item
+            if not isinstance(stamp, int):  # a database holds whatever was put into it
+                raise RecordingError(
+                    str(self.path), f"damaged: the time of a message, found {shown(stamp)}"
+                )
+            if connection.id not in ids:
+                found = shown(connection.topic)
+                raise RecordingError(str(self.path), f"damaged: the index leads to topic {found}")
+            yield connection.id, stamp, data
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Bag]:
+    """Open a bag.
+
+    Raises
+    ------
+    RecordingError
+        If it is none, is damaged, or rosbags is not installed.
+    """
+    kind = _kind(path)
+    try:
+        from rosbags.rosbag1 import Reader as Reader1
+        from rosbags.rosbag2 import Reader as Reader2
+    except ImportError as error:
+        raise RecordingError(
+            str(path), "to read ROS bags, rosbags is needed: pip install 'possmap[ros]'"
+        ) from error
+    try:
+        reader: Reader1 | Reader2 = Reader1(path) if kind == _ROS1 else Reader2(path)
+        if not kind:
+            check_metadata(path / "metadata.yaml")
+        with bounded_ros2():
+            reader.open()
+    except OSError as error:
+        problem = f"cannot be read: {error.strerror or _detail(error)}"
+        raise RecordingError(str(path), problem) from error
+    except Exception as error:  # as above; a damaged file can lead rosbags anywhere
+        raise RecordingError(str(path), _unopened(path, kind, error)) from error
+    try:
+        if isinstance(reader, Reader1):
+            bound_ros1(reader)
+        for one in reader.connections:  # of a YAML file or a database, that hold whatever they do
+            if [type(what) for what in (one.topic, one.msgtype, one.msgcount)] != [str, str, int]:
+                problem = f"cannot be read as a bag: found a topic {shown(one.topic)} of type "
+                problem += f"{shown(one.msgtype)} with {shown(one.msgcount)} messages"
+                raise RecordingError(str(path), problem)
+        yield Bag(path, reader, kind != _ROS1)
+    finally:
+        with suppress(Exception):  # of a file that is only read, nothing can be lost
+            reader.close()
+
+
+def size_of(path: Path) -> int:
+    """Return how long a bag's files are together [bytes]."""
+    if path.is_dir():
+        return sum(one.stat().st_size for one in path.iterdir() if one.is_file())
+    return path.stat().st_size
+
+
+def _kind(path: Path) -> bytes:
+    """Return how the bag's file begins; empty for a folder."""
+    if "\0" in str(path):
+        raise RecordingError(str(path), "cannot be read: a null character in the name")
+    try:
+        mode = path.stat().st_mode
+        if S_ISDIR(mode):
+            if not (path / "metadata.yaml").is_file():
+                raise RecordingError(
+                    str(path),
+                    f"a folder without metadata.yaml, expected {_KINDS}; "
+                    "if it is a bag, run `ros2 bag reindex` on it",
+                )
+            return b""
+        if not S_ISREG(mode):  # opening a FIFO would wait for ever
+            raise RecordingError(str(path), f"not a regular file, expected {_KINDS}")
+        with path.open("rb") as stream:
+            head = stream.read(16)
+    except OSError as error:
+        raise RecordingError(str(path), f"cannot be read: {error.strerror or error}") from error
+    if not head:
+        raise RecordingError(str(path), f"is empty, expected {_KINDS}")
+    if head.startswith(_ZSTD):
+        raise RecordingError(
+            str(path), "compressed as a whole, expected the bag's folder with its metadata.yaml"
+        )
+    kind = next((one for one in (_ROS1, _SQLITE, _MCAP) if head.startswith(one)), None)
+    if kind is None:
+        raise RecordingError(str(path), f"not a ROS bag, expected {_KINDS}")
+    suffix = _SUFFIX.get(kind, path.suffix)
+    if path.suffix != suffix:  # by which rosbags tells them apart
+        raise RecordingError(
+            str(path), f"found a name ending in {shown(path.suffix)}, expected {suffix}"
+        )
+    return kind
+
+
+def _unopened(path: Path, kind: bytes, error: Exception) -> str:
+    """Return why a bag could not be opened, with what helps."""
+    detail = _detail(error)
+    if kind == _ROS1 and "not supported" not in detail:
+        return f"has no index, or a damaged one; run `rosbag reindex` on it ({detail})"
+    if kind == _MCAP and ("end magic" in detail or "footer" in detail):
+        return (
+            "cut short, or never closed; run `mcap recover` on it, or `ros2 bag reindex` on its "
+            f"folder ({detail})"
+        )
+    if kind == _SQLITE and any(mark in str(path.absolute()) for mark in "?#%"):
+        return f"found one of ? # % in its path, which rosbags cannot open; rename it ({detail})"
+    if _is_cut(path):
+        return f"cut short; run `sqlite3 FILE .recover`, then `ros2 bag reindex` ({detail})"
+    return f"cannot be read as a bag: {detail}"
+
+
+def _is_cut(path: Path) -> bool:
+    """Whether a database, or one in a folder, is shorter than it says itself."""
+    for one in [path] if path.is_file() else sorted(path.glob("*.db3")):
+        with suppress(OSError, struct.error), one.open("rb") as stream:
+            head = stream.read(100)
+            page, pages = *struct.unpack(">H", head[16:18]), *struct.unpack(">I", head[28:32])
+            whole = (65536 if page == 1 else page) * pages
+            if head.startswith(_SQLITE) and one.stat().st_size < whole:
+                return True
+    return False
+
+
+def _detail(error: Exception) -> str:
+    """Return the first line of what rosbags says; hostile files have a say in it."""
+    if isinstance(error, MemoryError):
+        return "it claims more than fits into memory"
+    if isinstance(error, _STUMBLES):
+        return f"its parts do not fit together ({type(error).__name__} in rosbags)"
+    said = str(error.args[0] if error.args else "").strip().splitlines()
+    text = printable(said[0]).rstrip(".") if said else ""
+    text = _PREFIX.sub("", text)  # the path stands before it already
+    return text[:_LONGEST_DETAIL] or f"{type(error).__name__} in rosbags"
+
+
+def _store(connection: Connection) -> Typestore | None:
+    """Return a store with the types of a connection's messages; None if nobody knows them."""
+    from rosbags.interfaces import MessageDefinitionFormat as Form
+    from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+    text = connection.msgdef.data
+    check_text(text, connection.msgdef.format == Form.IDL)
+    if connection.msgdef.format == Form.NONE:
+        # Bags tell their types since ROS 2 Iron, which also changed some of them.
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        store.max_sequence_length = LONGEST_LIST
+        return store if connection.msgtype in store.fielddefs else None
+    types = {}
+    if connection.msgdef.format == Form.MSG:
+        types = get_types_from_msg(text, connection.msgtype)
+    else:
+        line = "=" * 80 + "\n"
+        parts = text.split(line)[1:] if text.startswith(f"{line}IDL: ") else [f"\n{text}"]
+        for part in parts:  # each behind a line with its name
+            types.update(get_types_from_idl(part.split("\n", 1)[1]))
+    check_types(types)
+    store = get_typestore(Stores.EMPTY)
+    store.max_sequence_length = LONGEST_LIST
+    store.register(types)
+    return store

@@ -1,0 +1,123 @@
+"""The option ``--topic``: which topic of a bag is used, and which of its fields mean what."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+
+from possmap.errors import SettingsError, did_you_mean, shown
+from possmap.lab.convert.samples import Mount
+from possmap.lab.recordings.mapping import ROLES, Beam, Mapping, Table
+
+MOUNT = ("angle", "at_x", "at_y")
+"""The roles that say how the sensor of a standard topic of ranges sits on the robot."""
+
+_RANGE = "range"
+_MOST_DEGREES = 360.0
+_FARTHEST_M = 10.0
+_FIELD = re.compile(r"[A-Za-z]\w*(\[\d{1,9}\])*(\.[A-Za-z]\w*(\[\d{1,9}\])*)*", re.ASCII)
+
+
+def table_of(option: str) -> Table:
+    """Return the table that ``TOPIC[:ROLE=FIELD,...]`` describes.
+
+    Roles are those of a mapping, ``range@DEGREES`` for a beam, left positive. ``angle=DEGREES``,
+    ``at_x=METRES`` and ``at_y=METRES`` say how the sensor of a standard topic of ranges sits; those
+    not given are 0. Without roles, the topic's type says what it means.
+
+    Raises
+    ------
+    SettingsError
+        If the option cannot be understood.
+    """
+    topic, colon, rest = option.partition(":")
+    if not topic.strip() or (colon and not rest.strip()):
+        raise SettingsError(
+            f"--topic: found {shown(option)}, expected TOPIC or TOPIC:ROLE=FIELD,ROLE=FIELD"
+        )
+    columns: dict[str, str] = {}
+    beams: list[Beam] = []
+    seat: dict[str, float] = {}
+    seen: set[str] = set()
+    for part in rest.split(",") if colon else ():
+        role, equals, value = (word.strip() for word in part.partition("="))
+        if not equals or not role or not value:
+            raise SettingsError(f"--topic: found {shown(part.strip())}, expected ROLE=FIELD")
+        if role in seen:
+            raise SettingsError(f"--topic: found {shown(role)} twice, expected each role once")
+        seen.add(role)
+        name, at, degrees = role.partition("@")
+        if at and name == _RANGE:
+            beams.append(Beam(_field(role, value), Mount(_radians(role, degrees))))
+        elif role in MOUNT:
+            seat[role] = (_radians if role == "angle" else _metres)(role, value)
+        elif role in ROLES:
+            columns[role] = _field(role, value)
+        else:
+            raise _unknown(role, name)
+    if seat and len(seen) > len(seat):
+        raise SettingsError(
+            f"--topic: found {next(iter(seat))} beside other roles, expected {', '.join(MOUNT)} "
+            "alone, as a standard topic of ranges has nothing else"
+        )
+    mount = Mount(*(seat.get(role, 0.0) for role in MOUNT)) if seat else None
+    return Table(topic.strip(), columns, tuple(beams), mount=mount)
+
+
+def _field(role: str, value: str) -> str:
+    if not _FIELD.fullmatch(value):
+        raise SettingsError(
+            f"--topic: the field of {role}, found {shown(value)}, "
+            "expected a path such as pose.pose.position.x or raw[0]"
+        )
+    return value
+
+
+def _radians(role: str, text: str) -> float:
+    try:
+        degrees = float(text)
+    except ValueError:
+        degrees = math.nan
+    if not abs(degrees) <= _MOST_DEGREES:  # phrased so that NaN is refused too
+        raise SettingsError(
+            f"--topic: the angle of {shown(role)}, found {shown(text)}, "
+            "expected degrees from -360 to 360, left positive"
+        )
+    return math.radians(degrees)
+
+
+def _metres(role: str, text: str) -> float:
+    try:
+        metres = float(text)
+    except ValueError:
+        metres = math.nan
+    if not abs(metres) <= _FARTHEST_M:  # phrased so that NaN is refused too
+        raise SettingsError(
+            f"--topic: {role}, found {shown(text)}, expected metres from the robot's middle, "
+            f"at most {_FARTHEST_M:g}"
+        )
+    return metres
+
+
+def _unknown(role: str, name: str) -> SettingsError:
+    known = (*ROLES, f"{_RANGE}@DEGREES", *MOUNT)
+    if name == _RANGE:
+        return SettingsError(
+            f"--topic: ROLE, found {shown(role)}, expected {_RANGE}@DEGREES, such as {_RANGE}@-90"
+        )
+    return SettingsError(
+        f"--topic: ROLE, found {shown(role)}, expected one of {', '.join(known)}"
+        f"{did_you_mean(role, known)}"
+    )
+
+
+def mapping_of(topics: Sequence[str]) -> Mapping:
+    """Return the mapping that ``--topic`` options make together.
+
+    Raises
+    ------
+    SettingsError
+        If one cannot be read, or two say the same.
+    """
+    return Mapping(format="ros", tables=tuple(table_of(text) for text in topics))

@@ -1,0 +1,113 @@
+"""A robot's memory: its own records, and those that others handed over (METHOD §5)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeAlias
+
+from possmap.core.model import ErrorModel
+from possmap.core.records import Beam, Corner, CornerKind, Meet, Pose, Record, Sighting, Wall
+from possmap.core.settings import Estimator
+from possmap.lab.simulate.odometry import Belief, setting_out
+
+RECORD_BYTES = 24
+"""What a record costs on air and on board."""
+
+Name: TypeAlias = tuple[str, str]
+JsonRecord: TypeAlias = dict[str, Any]
+
+
+class Held:
+    """What is known of an excursion: its model and its first records."""
+
+    def __init__(self, model: Mapping[str, float]) -> None:
+        self.model = dict(model)
+        self.records: list[JsonRecord] = []
+
+
+class Logbook:
+    """Writes down one excursion as it happens, to 0.1 mm and 0.01°, and keeps its belief."""
+
+    def __init__(
+        self,
+        name: Name,
+        own_model: Mapping[str, float],
+        model: ErrorModel,
+        estimator: Estimator = "linear",
+    ) -> None:
+        self.name = name
+        self.own = Held(own_model)
+        self.relayed: dict[Name, Held] = {}
+        self._model = model
+        self._estimator: Estimator = estimator
+        self._seen: list[Sighting] = []
+        self._belief: Belief | None = None
+
+    @property
+    def belief(self) -> Belief:
+        """Where the robot believes it is."""
+        if self._belief is None:
+            raise ValueError("an excursion begins with a pose")
+        return self._belief
+
+    @property
+    def bytes(self) -> int:
+        """The memory in use."""
+        relayed = sum(len(held.records) for held in self.relayed.values())
+        return RECORD_BYTES * (len(self.own.records) + relayed)
+
+    def pose(
+        self, t: float, x: float, y: float, heading_deg: float, ir: list[float] | None = None
+    ) -> None:
+        """Write down where the robot believes it is [s, m, deg], perhaps with IR readings [m]."""
+        x, y, heading_deg, t = round(x, 4), round(y, 4), round(heading_deg, 2), round(t, 2)
+        pose = Pose(len(self.own.records), t, x + 0.0, y + 0.0, heading_deg + 0.0)
+        if self._belief is None:
+            self._belief = setting_out(pose, self._estimator)
+        else:
+            self._belief = self._belief.after(pose, tuple(self._seen), self._model)
+        self._seen.clear()
+        extra = {} if ir is None else {"x_ir": ir}
+        self._write(pose, "pose", x=pose.x, y=pose.y, heading=pose.heading_deg, **extra)
+
+    def wall(self, t: float, x: float, y: float, x2: float, y2: float, followed: bool) -> None:
+        """Write down a piece of wall [m]; both ends the same: one reading, or a bump."""
+        x, y, x2, y2 = (round(value, 4) + 0.0 for value in (x, y, x2, y2))
+        wall = Wall(len(self.own.records), round(t, 2), x, y, x2, y2, followed)
+        self._seen.append(wall)
+        self._write(wall, "wall", x=x, y=y, x2=x2, y2=y2, followed=followed)
+
+    def corner(self, t: float, x: float, y: float, kind: CornerKind) -> None:
+        """Write down a singular point [m]."""
+        x, y = round(x, 4) + 0.0, round(y, 4) + 0.0
+        corner = Corner(len(self.own.records), round(t, 2), x, y, kind)
+        self._seen.append(corner)
+        self._write(corner, "corner", x=x, y=y, corner=kind)
+
+    def meeting(self, t: float, peer: Name, upto: int | None) -> None:
+        """Write down that another robot was met, and up to which of its records one has them."""
+        meet = Meet(len(self.own.records), round(t, 2), *peer, upto)
+        fields = {} if upto is None else {"upto": upto}
+        self._write(meet, "meet", peer=peer[0], peer_excursion=peer[1], **fields)
+
+    def _write(self, record: Record, kind: str, **fields: object) -> None:
+        assert not isinstance(record, Beam)
+        self.own.records.append({"seq": record.seq, "kind": kind, "t": record.t, **fields})
+
+    def as_log(self) -> dict[str, Any]:
+        """Return the log that the robot delivers."""
+        log: dict[str, Any] = {"possmap_log": 1, **_head(self.name, self.own)}
+        carried = [
+            {**_head(name, held), "records": held.records}
+            for name, held in sorted(self.relayed.items())
+            if held.records
+        ]
+        log["records"] = self.own.records
+        if carried:
+            log["carried"] = carried
+        return log
+
+
+def _head(name: Name, held: Held) -> dict[str, Any]:
+    head: dict[str, Any] = {"robot": name[0], "excursion": name[1]}
+    return {**head, "model": held.model} if held.model else head

@@ -1,0 +1,151 @@
+"""The CSV encoding: one record a row, any number of excursions (docs/logs.md)."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator
+
+from possmap.errors import LogError, did_you_mean, shown
+from possmap.logs.builder import ExcursionBuilder, Header
+from possmap.logs.delivery import Delivery, LogFile, Origin, refusal
+from possmap.logs.fields import RULES, Fault, name_of, record_of, too_many
+from possmap.logs.parcel import Parcel
+from possmap.logs.text import LogText
+from possmap.settings.limits import Limits
+
+COLUMNS = (
+    "robot", "excursion", "seq", "kind", "t", "x", "y", "heading", "x2", "y2", "corner",
+    "followed", "hit", "peer", "peer_excursion", "upto", "error_x", "error_y", "error_heading",
+)  # fmt: skip
+NEEDED = ("robot", "excursion", "seq", "kind")
+
+_WHOLE = frozenset({"seq", "upto"})
+_FLAGS = {"true": True, "false": False}
+_WORDS = frozenset({"kind", "corner", "peer", "peer_excursion"})
+_WHOLE_NUMBER = re.compile(r"-?[0-9]{1,20}")
+_OF_NUMBERS = "0123456789.+-eE"
+
+assert set(COLUMNS) == {"robot", "excursion", "kind"} | {r.name for k in RULES.values() for r in k}
+
+
+def read_csv(source: LogText, limits: Limits) -> LogFile:
+    """Read every excursion of a CSV file, each as a log of its own; a CSV has no models.
+
+    Raises
+    ------
+    LogError
+        With file and line, for the first thing that cannot be trusted.
+    """
+    if source.is_cut:
+        raise LogError(source.name, "the file is cut short")
+    origin = Origin(source.name, source.sha256, source.size)
+    excursions: dict[tuple[str, str], tuple[int, ExcursionBuilder]] = {}
+    line = 1
+    try:
+        rows = _rows(source)
+        line, header = next(rows, (1, []))
+        _check_header(header)
+        robot_at, excursion_at = header.index("robot"), header.index("excursion")
+        columns = [
+            (at, name, _decoder(name))
+            for at, name in enumerate(header)
+            if at not in (robot_at, excursion_at)
+        ]
+        for line, row in rows:
+            if len(row) != len(header):
+                raise Fault((), f"found {len(row)} fields, expected {len(header)} as in the header")
+            name = (row[robot_at], row[excursion_at])
+            if name not in excursions:
+                _check_name(*name)
+                if len(excursions) == limits.limit_file_excursions:
+                    raise too_many(len(excursions))
+                excursions[name] = (line, ExcursionBuilder())
+            record = {key: decoded(row[at]) for at, key, decoded in columns if row[at]}
+            excursions[name][1].add(record_of(record, limits.limit_nesting))
+    except Fault as fault:
+        raise refusal(source.name, line, fault) from None
+    return LogFile(
+        origin,
+        tuple(
+            Delivery(
+                Parcel(builder.build(Header(robot, excursion, (), None, ""))),
+                f"{source.name}:{line}",
+                origin,
+            )
+            for (robot, excursion), (line, builder) in excursions.items()
+        ),
+    )
+
+
+def _rows(source: LogText) -> Iterator[tuple[int, list[str]]]:
+    """Yield each row that is not blank with the line on which it begins."""
+    text = source.text.removeprefix("\ufeff")
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    line = 1
+    while True:
+        try:
+            row = next(reader)
+        except StopIteration:
+            return
+        except csv.Error as error:
+            raise LogError(f"{source.name}:{line}", f"not CSV: {error}") from None
+        if row:
+            yield line, row
+        line = reader.line_num + 1
+
+
+def _check_header(header: list[str]) -> None:
+    if not header:
+        raise Fault((), f"the file is empty, expected a header row: {','.join(COLUMNS)}")
+    for separator, word in ((";", "semicolons"), ("\t", "tabs")):
+        if len(header) == 1 and separator in header[0]:
+            raise Fault((), f"separated by {word}, expected commas")
+    for name in header:
+        if name not in COLUMNS and not name.startswith("x_"):
+            guess = did_you_mean(name, COLUMNS) or f", expected one of {', '.join(COLUMNS)}"
+            raise Fault((), f"unknown column {shown(name)}{guess}")
+    if len(set(header)) != len(header):
+        (twice, _), *_ = Counter(header).most_common(1)
+        raise Fault((), f"the column {shown(twice)} is there twice")
+    for name in NEEDED:
+        if name not in header:
+            raise Fault((), f"the column {name} is missing")
+
+
+def _check_name(robot: str, excursion: str) -> None:
+    for key, name in (("robot", robot), ("excursion", excursion)):
+        if not name:
+            raise Fault((key,), "is empty, every row names its robot and excursion")
+    name_of("robot", robot)
+    name_of("excursion", excursion)
+
+
+def _decoder(key: str) -> Callable[[str], object]:
+    """Return what makes of a column's fields what JSON would hold.
+
+    Text that does not fit stays text, to be refused.
+    """
+    if key in _WORDS or key.startswith("x_"):
+        return str
+    if key in _WHOLE:
+        return _whole
+    if key in ("followed", "hit"):
+        return lambda text: _FLAGS.get(text, text)
+    return _number
+
+
+def _whole(text: str) -> int | str:
+    return int(text) if _WHOLE_NUMBER.fullmatch(text) else text
+
+
+def _number(text: str) -> float | str:
+    # Of these characters float() takes what JSON takes, and numbers such as .5, 1. and +1.
+    if text.strip(_OF_NUMBERS):
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        return text

@@ -1,0 +1,144 @@
+"""The text of a log file: decompressed, decoded, and no larger than it may be."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import io
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from stat import S_ISREG
+from typing import BinaryIO
+
+from possmap.errors import LogError
+from possmap.settings.limits import Limits
+
+GZIP_MAGIC = b"\x1f\x8b"
+_CHUNK = 1 << 16
+_ROOM = 1 << 16
+"""So much longer than its content a compressed file may be: gzip itself adds less [bytes]."""
+
+
+@dataclass(frozen=True, slots=True)
+class LogText:
+    """A log file's text, and what identifies it.
+
+    name : as the user gave it.
+    sha256 : of the bytes as delivered, hexadecimal.
+    size : of the same [bytes].
+    is_cut : whether the compressed stream, or the last character, is cut short.
+    """
+
+    name: str
+    text: str
+    sha256: str
+    size: int
+    is_cut: bool = False
+
+    def check_objects(self, limits: Limits) -> None:
+        """Refuse JSON that takes far more memory than text: two letters make an object.
+
+        Raises
+        ------
+        LogError
+            If it holds more objects and lists than it may; brackets within texts count, too.
+        """
+        most = limits.limit_file_objects
+        if len(self.text) <= most:
+            return
+        found = self.text.count("{") + self.text.count("[")
+        if found > most:
+            problem = f"found {found} objects and lists, expected at most {most}"
+            raise LogError(self.name, f"{problem} (setting limit_file_objects)")
+
+
+class _TooLarge(Exception):
+    """More than may be read was asked for."""
+
+
+class _Metered(io.RawIOBase):
+    """A binary stream that hashes and counts what is read of it, up to ``most`` bytes."""
+
+    def __init__(self, stream: BinaryIO, most: int) -> None:
+        self._stream = stream
+        self._most = most
+        self.hash = hashlib.sha256()
+        self.size = 0
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
+        data = self._stream.read(len(buffer))
+        buffer[: len(data)] = data
+        self.hash.update(data)
+        self.size += len(data)
+        if self.size > self._most:  # a stream without end, or one that holds next to nothing
+            raise _TooLarge
+        return len(data)
+
+
+def read_text(path: Path, limits: Limits) -> LogText:
+    """Read a log file; ``.gz`` is decompressed.
+
+    Raises
+    ------
+    LogError
+        If it cannot be read, is no regular file, is too large, or is not UTF-8.
+    """
+    try:
+        if not S_ISREG(path.stat().st_mode):  # opening a FIFO would wait for ever
+            raise LogError(str(path), "not a regular file")
+        with path.open("rb") as stream:
+            return read_stream(str(path), stream, limits, compressed=path.suffix.lower() == ".gz")
+    except OSError as error:
+        raise LogError(str(path), f"cannot be read: {error.strerror or error}") from error
+    except ValueError as error:  # a null character in the name
+        raise LogError(str(path), f"cannot be read: {error}") from error
+
+
+def read_stream(
+    name: str, stream: BinaryIO, limits: Limits, compressed: bool | None = None
+) -> LogText:
+    """Read a log from an open stream; ``compressed=None`` finds out by the first two bytes."""
+    largest = int(limits.limit_file_mib * 2**20)
+    metered = _Metered(stream, largest + largest // 64 + _ROOM)
+    buffered = io.BufferedReader(metered, _CHUNK)
+    data = bytearray()
+    is_cut = False
+    try:
+        if compressed is None:
+            compressed = buffered.peek(2)[:2] == GZIP_MAGIC
+        source = gzip.GzipFile(fileobj=buffered) if compressed else buffered
+        while len(data) <= largest:
+            try:
+                part = source.read1(_CHUNK)  # read() would lose what comes before a cut
+            except EOFError:
+                is_cut = True
+                break
+            except (gzip.BadGzipFile, zlib.error) as error:
+                raise LogError(name, f"not a gzip file, or damaged: {error}") from error
+            if not part:
+                break
+            data += part
+        if len(data) > largest:
+            raise _TooLarge
+        while buffered.read(_CHUNK):  # the hash is of the whole file
+            pass
+    except _TooLarge:
+        limit = f"{limits.limit_file_mib:g} MiB, decompressed (setting limit_file_mib)"
+        raise LogError(name, f"larger than {limit}") from None
+    return _decoded(name, data, metered, is_cut)
+
+
+def _decoded(name: str, data: bytearray, metered: _Metered, is_cut: bool) -> LogText:
+    try:
+        text = data.decode()
+    except UnicodeDecodeError as error:
+        if error.reason != "unexpected end of data":
+            line = data.count(b"\n", 0, error.start) + 1
+            found = f"0x{data[error.start]:02x}"
+            raise LogError(f"{name}:{line}", f"found the byte {found}, expected UTF-8") from error
+        text, is_cut = data[: error.start].decode(), True
+    return LogText(name, text, metered.hash.hexdigest(), metered.size, is_cut)

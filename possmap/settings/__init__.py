@@ -1,0 +1,1 @@
+"""Settings: their names, their YAML, and which of them are in force."""
