@@ -12,7 +12,7 @@ from possmap.fusing.fuse import FuseSummary, fuse
 from possmap.lab.simulate.run import simulate
 from possmap.lab.simulate.summary import Summary
 from possmap.pictures.render import Look, render
-from possmap.settings.settings_yaml import shipped
+from possmap.settings.shipped import shipped
 
 MISSION = "missions/figure8.yaml"
 

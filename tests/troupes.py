@@ -21,7 +21,7 @@ from possmap.lab.simulate.robot import Excursion
 from possmap.lab.simulate.settings import MissionSettings
 from possmap.lab.simulate.steering import Done, Motion, Steering, Steps, Track
 from possmap.lab.simulate.world import World
-from possmap.settings.settings_yaml import shipped
+from possmap.settings.shipped import shipped
 
 Floats = NDArray[np.float64]
 

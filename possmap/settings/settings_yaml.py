@@ -9,14 +9,8 @@ import yaml
 
 from possmap.errors import printable
 from possmap.settings.setting_table import Given, GivenSettings, known_setting, parse_setting
+from possmap.settings.shipped import shipped
 from possmap.settings.yaml_nodes import is_null, members, read_yaml, scalar_text
-
-
-def shipped(name: str) -> Path:
-    """Return a file of ``configs/``: inside the installed package, or beside it in a checkout."""
-    package = Path(__file__).resolve().parent.parent
-    inside = package / "configs" / name
-    return inside if inside.exists() else package.parent / "configs" / name
 
 
 def read_profile(name: str) -> GivenSettings:

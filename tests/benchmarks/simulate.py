@@ -27,7 +27,7 @@ from possmap.lab.simulate.floor_plan import sides
 from possmap.lab.simulate.mission import Mission
 from possmap.lab.simulate.mission_file import read_mission
 from possmap.lab.simulate.world import World
-from possmap.settings.settings_yaml import shipped
+from possmap.settings.shipped import shipped
 
 OFFICE = shipped("missions/large-office.yaml")
 BEAMS, ROBOTS = 8, 10

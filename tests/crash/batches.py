@@ -16,7 +16,7 @@ from literal.teams import random_excursion
 from teams import digest, write_logs
 
 from possmap.lab.simulate.run import simulate
-from possmap.settings.settings_yaml import shipped
+from possmap.settings.shipped import shipped
 
 FINE = ("--set", "max_error=0.8", "--resolution", "0.05")
 

@@ -15,7 +15,7 @@ from possmap.lab.simulate.mission_file import Mission, read_mission
 from possmap.lab.simulate.reachable import reachable_area
 from possmap.lab.simulate.settings import MissionSettings
 from possmap.settings.limits import Limits
-from possmap.settings.settings_yaml import shipped
+from possmap.settings.shipped import shipped
 from possmap.truth.truth import read_truth
 
 MISSIONS = sorted(shipped("missions").glob("*.yaml"))

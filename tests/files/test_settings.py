@@ -15,7 +15,8 @@ from possmap.errors import SettingsError
 from possmap.logs.fields import NAME
 from possmap.settings.setting_table import KNOWN, SHAPING, WIDEST
 from possmap.settings.settings import Settings, assemble, to_yaml
-from possmap.settings.settings_yaml import read_settings, shipped
+from possmap.settings.settings_yaml import read_settings
+from possmap.settings.shipped import shipped
 
 LARGEST = 1e6
 

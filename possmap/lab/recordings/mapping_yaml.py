@@ -34,7 +34,7 @@ from possmap.lab.recordings.mapping_values import (
     text_of,
     word,
 )
-from possmap.settings.settings_yaml import shipped
+from possmap.settings.shipped import shipped
 from possmap.settings.yaml_nodes import (
     items,
     number,

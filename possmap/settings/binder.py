@@ -1,0 +1,249 @@
+"""YAML bound to dataclasses: every key known, every value of its field's type and bounds.
+
+A type says all: ``float``, ``int``, ``bool``, ``str``, a ``Literal`` of words, ``X | None``,
+``tuple[X, ...]``, ``Mapping[str, X]``, a dataclass ({key: value}), a NamedTuple ([x, y]).
+``Annotated`` adds Bounds, a function that takes the value and returns what it stands for (its
+ValueError says what was expected), or a string: the meaning, for people.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar, Union, get_args, get_origin
+from typing import get_type_hints as hints_of
+
+import yaml
+
+from possmap.bounds import LARGEST_COUNT, Bounds
+from possmap.errors import SettingsError, did_you_mean, printable, shown
+from possmap.settings.yaml_file import is_null, members, place, read_yaml, refusal
+
+T = TypeVar("T")
+Value: TypeAlias = bool | int | float | str
+
+_NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
+_WHOLE = re.compile(r"[+-]?[0-9]{1,15}")
+_ANY = {float: Bounds(), int: Bounds(-LARGEST_COUNT, LARGEST_COUNT)}
+_LISTED = 200
+"""So many characters of known keys does a message hold."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Kind:
+    """What a type says of its values.
+
+    of : the type without its notes.
+    bounds : of a number.
+    becomes : functions that a value goes through.
+    meaning : for people, with its unit in brackets.
+    """
+
+    of: Any
+    bounds: Bounds
+    becomes: tuple[Callable[[Any], Any], ...]
+    meaning: str
+
+
+@cache
+def kind_of(hint: Any, /) -> Kind:
+    """Return what a type says, ``None`` as an alternative left out."""
+    if get_origin(hint) in (Union, UnionType):
+        (hint,) = (one for one in get_args(hint) if one is not NoneType)
+    of, *notes = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+    within = [note for note in notes if isinstance(note, Bounds)]
+    return Kind(
+        of,
+        within[-1] if within else _ANY.get(of, Bounds()),
+        tuple(note for note in notes if callable(note)),
+        " ".join(note for note in notes if isinstance(note, str)),
+    )
+
+
+@cache
+def kinds_of(cls: Any) -> Mapping[str, Kind]:
+    """Return what the fields of a dataclass or a NamedTuple may hold, by name."""
+    hints = hints_of(cls, include_extras=True)
+    names = [field.name for field in dataclasses.fields(cls)] if _is_dataclass(cls) else hints
+    return {name: kind_of(hints[name]) for name in names}
+
+
+def parse(text: str, kind: Kind) -> Value:
+    """Return the value of a text.
+
+    Raises
+    ------
+    ValueError
+        ``expected ...``, for a text that is none.
+    """
+    if get_origin(kind.of) is Literal:
+        words = [str(word) for word in get_args(kind.of)]
+        if text not in words:
+            raise ValueError(f"expected {_or(words)}{did_you_mean(text, words)}")
+        return text
+    if kind.of is bool:
+        if text not in ("true", "false"):
+            raise ValueError("expected true or false")
+        return text == "true"
+    if kind.of is str:
+        return text
+    form, what = (_WHOLE, "a whole number") if kind.of is int else (_NUMBER, "a number")
+    if not form.fullmatch(text):
+        raise ValueError(kind.bounds.expected(what))
+    value: float = kind.of(text) + kind.of(0)  # -0 is 0
+    if fault := kind.bounds.fault(value):
+        raise ValueError(fault.replace("a number", what))
+    return value
+
+
+def bind_file(path: Path, cls: type[T], what: str, ignore: bool = False) -> T:
+    """Return what a YAML file says, as an instance of a dataclass.
+
+    Parameters
+    ----------
+    what
+        What the file should be, for messages: ``a mission``.
+    ignore
+        Whether unknown keys are somebody else's and pass.
+
+    Raises
+    ------
+    SettingsError
+        ``file:line: key, value found, what was expected``.
+    """
+    root = read_yaml(path, what)
+    if root is None:
+        raise SettingsError(f"{printable(str(path))}: is empty, expected {what}")
+    return bind(root, cls, ignore=ignore)
+
+
+def bind(node: yaml.Node, cls: type[T], key: str = "", ignore: bool = False) -> T:
+    """Return what a node says, as an instance of a dataclass or a NamedTuple.
+
+    Parameters
+    ----------
+    key
+        Path to the node, for messages: ``world.rooms[0]``.
+
+    Raises
+    ------
+    SettingsError
+        ``file:line: key, value found, what was expected``.
+    """
+    hint: Any = cls
+    bound: T = _bound(node, kind_of(hint), key, ignore)
+    return bound
+
+
+def _bound(node: yaml.Node, kind: Kind, key: str, ignore: bool = False) -> Any:
+    value = _READERS.get(get_origin(kind.of), _plain)(node, kind, key, ignore)
+    try:
+        for become in kind.becomes:
+            value = become(value)
+    except ValueError as error:
+        raise refusal(node, key, str(error)) from None
+    return value
+
+
+def _plain(node: yaml.Node, kind: Kind, key: str, ignore: bool) -> Any:
+    if _is_dataclass(kind.of):
+        return _record(node, kind.of, key, ignore)
+    if hasattr(kind.of, "_fields"):
+        return _row(node, kind.of, key)
+    if not isinstance(node, yaml.ScalarNode):
+        raise refusal(node, key, "expected one value")
+    try:
+        return parse(str(node.value), kind)
+    except ValueError as error:
+        raise refusal(node, key, str(error)) from None
+
+
+def _record(node: yaml.Node, cls: Any, key: str, ignore: bool) -> Any:
+    """Return a dataclass; its own ValueError may begin with the key that it is about."""
+    kinds = kinds_of(cls)
+    nodes = {}
+    for name, value, line in members(node, f"expected {_some(kinds)}", key):
+        if name in kinds:
+            nodes[name] = value
+        elif not ignore:
+            guess = did_you_mean(name, kinds) or f", expected one of {_some(kinds)}"
+            where = f" of {key}" if key else ""
+            raise SettingsError(f"{place(line)}: unknown key {shown(name)}{where}{guess}")
+    for field in dataclasses.fields(cls):
+        if field.name not in nodes and field.default is field.default_factory:  # both missing
+            expected = kinds[field.name].meaning
+            raise SettingsError(
+                f"{place(node)}: {_path(key, field.name)} is missing"
+                f"{expected and f', expected {expected}'}"
+            )
+    values = {name: _bound(part, kinds[name], _path(key, name)) for name, part in nodes.items()}
+    try:
+        return cls(**values)
+    except ValueError as error:
+        name, comma, rest = str(error).partition(",")
+        if comma and name in kinds:
+            at = place(nodes.get(name, node))
+            raise SettingsError(f"{at}: {_path(key, name)},{rest}") from None
+        raise SettingsError(f"{place(node)}: {f'{key}, ' * bool(key)}{error}") from None
+
+
+def _row(node: yaml.Node, cls: Any, key: str) -> Any:
+    """Return a NamedTuple, written as a list of its fields in their order."""
+    kinds = kinds_of(cls)
+    if not isinstance(node, yaml.SequenceNode) or len(node.value) != len(kinds):
+        raise refusal(node, key, f"expected [{', '.join(kinds)}]")
+    parts = zip(node.value, kinds.items(), strict=True)
+    return cls(*(_bound(part, kind, _path(key, name)) for part, (name, kind) in parts))
+
+
+def _list(node: yaml.Node, kind: Kind, key: str, _: bool) -> tuple[Any, ...]:
+    """Return entries of one kind; one word alone is a list of one."""
+    each = kind_of(get_args(kind.of)[0])
+    if is_null(node):
+        return ()
+    if isinstance(node, yaml.SequenceNode):
+        return tuple(_bound(one, each, f"{key}[{n}]") for n, one in enumerate(node.value))
+    if each.of is str and isinstance(node, yaml.ScalarNode):
+        return (_bound(node, each, key),)
+    raise refusal(node, key, "expected a list")
+
+
+def _mapping(node: yaml.Node, kind: Kind, key: str, _: bool) -> dict[str, Any]:
+    """Return values of one kind by their names, which may be of a few."""
+    names, values = map(kind_of, get_args(kind.of))
+    found = {}
+    for name, value, line in members(node, f"expected {kind.meaning or 'name: value'}", key):
+        try:
+            parse(name, names)
+        except ValueError as error:
+            raise SettingsError(f"{place(line)}: unknown key {shown(name)}, {error}") from None
+        found[name] = _bound(value, values, _path(key, name))
+    return found
+
+
+_READERS: Mapping[Any, Callable[[yaml.Node, Kind, str, bool], Any]] = {
+    tuple: _list,
+    Mapping: _mapping,
+}
+
+
+def _is_dataclass(cls: Any) -> bool:
+    return isinstance(cls, type) and dataclasses.is_dataclass(cls)
+
+
+def _path(key: str, name: str) -> str:
+    return f"{key}.{name}" if key else name
+
+
+def _or(words: list[str]) -> str:
+    *most, last = words
+    return f"{', '.join(most)} or {last}" if most else last
+
+
+def _some(names: Mapping[str, Kind]) -> str:
+    text = ", ".join(names)
+    return text if len(text) <= _LISTED else text[:_LISTED].rpartition(",")[0] + ", ..."
