@@ -6,8 +6,9 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-LARGEST = 1e6
-"""No parameter, coordinate or error may lie beyond this (the log format's bound)."""
+from possmap.core import ranges
+from possmap.core.ranges import LARGEST as LARGEST
+from possmap.core.ranges import Range
 
 NEVER_NEGATIVE = frozenset(
     {"along", "across", "turn_spread", "turn_noise", "drift_spread", "alignment_spread", "sensor"}
@@ -63,14 +64,18 @@ class ErrorModel:
         return dataclasses.replace(self, **own)
 
 
+def range_of(name: str) -> Range:
+    """Return the numbers allowed for the parameter ``name``."""
+    if name in POSITIVE:
+        return ranges.POSITIVE
+    return ranges.NOT_NEGATIVE if name in NEVER_NEGATIVE else ranges.WITHIN
+
+
 def check_parameter(name: str, value: float) -> None:
     """Raise ValueError unless ``value`` is allowed for the parameter ``name``."""
-    if not -LARGEST <= value <= LARGEST:  # phrased so that NaN is refused too
-        raise ValueError(f"{name}, found {value}, expected a number within ±1e6")
-    if name in NEVER_NEGATIVE and value < 0:
-        raise ValueError(f"{name}, found {value}, expected a number >= 0")
-    if name in POSITIVE and value <= 0:
-        raise ValueError(f"{name}, found {value}, expected a number > 0")
+    allowed = range_of(name)
+    if value not in allowed:
+        raise ValueError(f"{name}, found {value}, expected {allowed.expected_for(value)}")
 
 
 PARAMETERS: tuple[str, ...] = tuple(f.name for f in dataclasses.fields(ErrorModel))

@@ -1,58 +1,77 @@
 """What a robot reports of one outing: records, and the excursion that they make up.
 
-Field names, units and meanings are those of the log format (docs/logs.md): metres, degrees,
-seconds, *as logged*. Equality is the format's: ``x_`` keys do not take part in it.
+The classes are the schema of a record: a field's name, type, default, bounds, allowed words and
+meaning stand in its one line, and what checks logs, the columns of a CSV and of the ledger and the
+JSON Schema follow from ``FIELDS``. Units are those of the log format (docs/logs.md): metres,
+degrees, seconds, *as logged*. Equality is the format's: ``x_`` keys do not take part in it.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import re
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple, TypeAlias
+from types import NoneType
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, get_args, get_type_hints
+
+from possmap.core import ranges
+from possmap.core.ranges import Range
+
+NAME = re.compile(r"[A-Za-z0-9._:-]{1,64}", re.ASCII)
+"""What names a robot or an excursion."""
 
 CornerKind: TypeAlias = Literal["concave", "convex", "end"]
-CORNER_KINDS: tuple[CornerKind, ...] = ("concave", "convex", "end")
+CORNER_KINDS: tuple[CornerKind, ...] = get_args(CornerKind)
+
+Seq: TypeAlias = Annotated[int, ranges.SEQ]
+Time: TypeAlias = Annotated[float, ranges.TIME, "never decreasing [s]"]
+Metres: TypeAlias = Annotated[float, ranges.WITHIN]
+Degrees: TypeAlias = Annotated[float, ranges.WITHIN, "anticlockwise from +x [deg]"]
+HalfWidth: TypeAlias = Annotated[float, ranges.HALF_WIDTH, "counts on the first pose only [m]"]
+HalfAngle: TypeAlias = Annotated[float, ranges.HALF_WIDTH, "counts on the first pose only [deg]"]
+Name: TypeAlias = Annotated[str, NAME]
 
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Where the robot believed it was; the errors are half-widths and count on the first pose."""
+    """Where the robot believed it was; the errors are half-widths."""
 
-    seq: int
-    t: float | None
-    x: float
-    y: float
-    heading_deg: float
-    error_x: float = 0.0
-    error_y: float = 0.0
-    error_heading_deg: float = 0.0
+    seq: Seq
+    t: Time | None
+    x: Metres
+    y: Metres
+    heading_deg: Degrees
+    error_x: HalfWidth = 0.0
+    error_y: HalfWidth = 0.0
+    error_heading_deg: HalfAngle = 0.0
     extra: str = field(default="", compare=False)
 
 
 @dataclass(frozen=True, slots=True)
 class Wall:
-    """A straight piece of wall from (x, y) to (x2, y2); zero length: one reading, or a bump."""
+    """A straight piece of wall seen on the run from the pose before it to the pose after it."""
 
-    seq: int
-    t: float | None
-    x: float
-    y: float
-    x2: float
-    y2: float
-    followed: bool = True
+    seq: Seq
+    t: Time | None
+    x: Metres
+    y: Metres
+    x2: Metres
+    y2: Metres
+    followed: Annotated[bool, "the robot lined up with it"] = True
     extra: str = field(default="", compare=False)
 
 
 @dataclass(frozen=True, slots=True)
 class Beam:
-    """One range reading from the sensor at (x, y) to its end at (x2, y2)."""
+    """One range reading, from the sensor at (x, y) to its end at (x2, y2)."""
 
-    seq: int
-    t: float | None
-    x: float
-    y: float
-    x2: float
-    y2: float
-    hit: bool = True
+    seq: Seq
+    t: Time | None
+    x: Metres
+    y: Metres
+    x2: Metres
+    y2: Metres
+    hit: Annotated[bool, "false: nothing seen up to there"] = True
     extra: str = field(default="", compare=False)
 
 
@@ -60,23 +79,23 @@ class Beam:
 class Corner:
     """A singular point: a corner, or the end of a wall."""
 
-    seq: int
-    t: float | None
-    x: float
-    y: float
+    seq: Seq
+    t: Time | None
+    x: Metres
+    y: Metres
     corner: CornerKind
     extra: str = field(default="", compare=False)
 
 
 @dataclass(frozen=True, slots=True)
 class Meet:
-    """Met another robot and took over its records up to seq ``upto``."""
+    """Met another robot and took over its records up to a seq."""
 
-    seq: int
-    t: float | None
-    peer: str
-    peer_excursion: str
-    upto: int | None = None
+    seq: Seq
+    t: Time | None
+    peer: Name
+    peer_excursion: Name
+    upto: Seq | None = None
     extra: str = field(default="", compare=False)
 
 
@@ -87,6 +106,56 @@ KINDS: dict[str, type[Record]] = {
     "pose": Pose, "wall": Wall, "beam": Beam, "corner": Corner, "meet": Meet,
 }  # fmt: skip
 KIND_OF: dict[type[Record], str] = {cls: kind for kind, cls in KINDS.items()}
+
+
+class Field(NamedTuple):
+    """A field of a record, as its class declares it.
+
+    name : in a log, a CSV and the ledger.
+    attribute : in the class.
+    type : float, int, bool or str.
+    allowed : the numbers or words that it may hold; None where its type says all.
+    is_required : else it may be absent, and is ``default`` then.
+    meaning : for people; may be empty.
+    """
+
+    name: str
+    attribute: str
+    type: type
+    allowed: Range | re.Pattern[str] | tuple[str, ...] | None
+    is_required: bool
+    default: Any
+    meaning: str
+
+
+def _field(declared: dataclasses.Field[Any], hint: Any) -> Field:
+    is_optional = NoneType in get_args(hint)
+    if is_optional:
+        hint = next(one for one in get_args(hint) if one is not NoneType)
+    notes: tuple[Any, ...] = getattr(hint, "__metadata__", ())
+    bare = get_args(hint)[0] if notes else hint
+    words: tuple[str, ...] = get_args(bare)  # of a Literal
+    bounds = [note for note in notes if not isinstance(note, str)]
+    has_default = declared.default is not dataclasses.MISSING
+    return Field(
+        declared.name.removesuffix("_deg"),
+        declared.name,
+        str if words else bare,
+        words or (bounds[0] if bounds else None),
+        not (is_optional or has_default),
+        declared.default if has_default else None,
+        next((note for note in notes if isinstance(note, str)), ""),
+    )
+
+
+def _fields(kind: type[Record]) -> tuple[Field, ...]:
+    hints = get_type_hints(kind, include_extras=True)
+    declared = (one for one in dataclasses.fields(kind) if one.name != "extra")
+    return tuple(_field(one, hints[one.name]) for one in declared)
+
+
+FIELDS: dict[str, tuple[Field, ...]] = {name: _fields(kind) for name, kind in KINDS.items()}
+"""Each kind's fields in the order of its class, without its ``x_`` keys, ``extra``."""
 
 OwnModel: TypeAlias = tuple[tuple[str, float], ...]
 """The error-model parameters that a log itself gives, sorted by name."""

@@ -8,27 +8,26 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterator
 
+from possmap.core.records import FIELDS
 from possmap.errors import LogError, did_you_mean, shown
 from possmap.logs.builder import ExcursionBuilder, Header
 from possmap.logs.delivery import Delivery, LogFile, Origin, refusal
-from possmap.logs.fields import RULES, Fault, name_of, record_of, too_many
+from possmap.logs.fields import Fault, name_of, record_of, too_many
 from possmap.logs.parcel import Parcel
 from possmap.logs.text import LogText
 from possmap.settings.limits import Limits
 
-COLUMNS = (
+_TYPES = {field.name: field.type for fields in FIELDS.values() for field in fields}
+_FIRST = (
     "robot", "excursion", "seq", "kind", "t", "x", "y", "heading", "x2", "y2", "corner",
-    "followed", "hit", "peer", "peer_excursion", "upto", "error_x", "error_y", "error_heading",
+    "followed", "hit", "peer", "peer_excursion", "upto",
 )  # fmt: skip
+COLUMNS = (*_FIRST, *(name for name in _TYPES if name not in _FIRST))
 NEEDED = ("robot", "excursion", "seq", "kind")
 
-_WHOLE = frozenset({"seq", "upto"})
 _FLAGS = {"true": True, "false": False}
-_WORDS = frozenset({"kind", "corner", "peer", "peer_excursion"})
 _WHOLE_NUMBER = re.compile(r"-?[0-9]{1,20}")
 _OF_NUMBERS = "0123456789.+-eE"
-
-assert set(COLUMNS) == {"robot", "excursion", "kind"} | {r.name for k in RULES.values() for r in k}
 
 
 def read_csv(source: LogText, limits: Limits) -> LogFile:
@@ -128,13 +127,13 @@ def _decoder(key: str) -> Callable[[str], object]:
 
     Text that does not fit stays text, to be refused.
     """
-    if key in _WORDS or key.startswith("x_"):
-        return str
-    if key in _WHOLE:
-        return _whole
-    if key in ("followed", "hit"):
-        return lambda text: _FLAGS.get(text, text)
-    return _number
+    found: type = _TYPES.get(key, str)
+    decoders: dict[type, Callable[[str], object]] = {int: _whole, bool: _flag, float: _number}
+    return decoders.get(found, str)
+
+
+def _flag(text: str) -> bool | str:
+    return _FLAGS.get(text, text)
 
 
 def _whole(text: str) -> int | str:

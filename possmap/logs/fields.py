@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import json
 import math
-import re
+import sys
 from collections.abc import Callable, Mapping
 from typing import NamedTuple, TypeAlias
 
-from possmap.core.model import LARGEST, PARAMETERS, check_parameter
-from possmap.core.records import CORNER_KINDS, KINDS, OwnModel, Record
+from possmap.core import ranges
+from possmap.core.model import PARAMETERS, range_of
+from possmap.core.ranges import LARGEST_SEQ as LARGEST_SEQ
+from possmap.core.ranges import Range
+from possmap.core.records import FIELDS, KINDS, Field, OwnModel, Record
+from possmap.core.records import NAME as NAME
 from possmap.errors import did_you_mean, shown
-
-LARGEST_SEQ = 2**53 - 1
-NAME = re.compile(r"[A-Za-z0-9._:-]{1,64}", re.ASCII)
 
 Step: TypeAlias = str | int
 """A key of an object or an index of a list."""
@@ -72,42 +73,28 @@ def as_object(value: object) -> dict[str, object]:
     return value
 
 
-def number(name: str, value: object) -> float:
-    """Return a finite number within ±1e6; -0 becomes 0, so that equal logs have equal bytes."""
-    if (type(value) is float or type(value) is int) and -LARGEST <= value <= LARGEST:
+def number(name: str, value: object, allowed: Range = ranges.WITHIN) -> float:
+    """Return a finite number; -0 becomes 0, so that equal logs have equal bytes.
+
+    Raises
+    ------
+    Fault
+        For another value, and for a number that is not ``allowed``.
+    """
+    if type(value) is not float and type(value) is not int:
+        raise Fault((name,), f"found {shown(value)}, expected a number")
+    if value in allowed:
         return value + 0.0
-    found = finite(name, value)
-    if not -LARGEST <= found <= LARGEST:
-        raise Fault((name,), f"found {shown(value)}, expected a number within ±1e6")
-    return found
-
-
-def finite(name: str, value: object) -> float:
-    """Return a finite number of any size."""
-    if type(value) is float or type(value) is int:
-        try:
-            found = float(value) + 0.0
-        except OverflowError:
-            found = math.inf
-        if math.isfinite(found):
-            return found
+    if not -sys.float_info.max <= value <= sys.float_info.max:
         raise Fault((name,), f"found {shown(value)}, expected a finite number")
-    raise Fault((name,), f"found {shown(value)}, expected a number")
+    raise Fault((name,), f"found {shown(value)}, expected {allowed.expected_for(value)}")
 
 
-def _error(name: str, value: object) -> float:
-    found = number(name, value)
-    if found < 0:
-        raise Fault((name,), f"found {shown(value)}, expected a half-width >= 0")
-    return found
-
-
-def sequence_number(name: str, value: object) -> int:
-    """Return a whole number that a seq may be: 0 … 2⁵³ - 1."""
+def _whole_number(name: str, value: object, allowed: Range) -> int:
     if type(value) is not int:
         raise Fault((name,), f"found {shown(value)}, expected a whole number")
-    if not 0 <= value <= LARGEST_SEQ:
-        raise Fault((name,), f"found {shown(value)}, expected 0 to 2^53 - 1")
+    if value not in allowed:
+        raise Fault((name,), f"found {shown(value)}, expected {allowed.expected}")
     return value
 
 
@@ -125,53 +112,59 @@ def _flag(name: str, value: object) -> bool:
     raise Fault((name,), f"found {shown(value)}, expected true or false")
 
 
-def _corner(name: str, value: object) -> str:
-    if isinstance(value, str) and value in CORNER_KINDS:
+def _word(name: str, value: object, words: tuple[str, ...]) -> str:
+    if isinstance(value, str) and value in words:
         return value
-    guess = did_you_mean(value, CORNER_KINDS) if isinstance(value, str) else ""
-    raise Fault((name,), f"found {shown(value)}, expected concave, convex or end{guess}")
+    guess = did_you_mean(value, words) if isinstance(value, str) else ""
+    expected = f"{', '.join(words[:-1])} or {words[-1]}"
+    raise Fault((name,), f"found {shown(value)}, expected {expected}{guess}")
 
 
 Check: TypeAlias = Callable[[str, object], object]
 
 
-class FieldRule(NamedTuple):
-    """A field of a kind of record; unless ``required`` it may be absent: ``default`` then."""
+def _check(field: Field) -> Check:
+    """Return what checks a field's values; it returns them as a record holds them."""
+    match field.allowed:
+        case Range() as numbers:
+            checked = number if field.type is float else _whole_number
+            return lambda name, value: checked(name, value, numbers)
+        case tuple() as words:
+            return lambda name, value: _word(name, value, words)
+        case None:
+            return _flag
+        case _:
+            return name_of
+
+
+class Rule(NamedTuple):
+    """A field of a kind of record: unless ``is_required`` it may be absent, ``default`` then.
+
+    least, most : a float between them passes, as ``check`` would say, and later.
+    """
 
     name: str
     check: Check
-    required: bool = True
-    default: object = None
+    is_required: bool
+    default: object
+    least: float
+    most: float
 
 
-_PLACE = (FieldRule("x", number), FieldRule("y", number))
-_LINE = (*_PLACE, FieldRule("x2", number), FieldRule("y2", number))
-_ANY = (FieldRule("seq", sequence_number), FieldRule("t", finite, False))
+def _rule(field: Field) -> Rule:
+    least, most = math.inf, -math.inf
+    if field.type is float and isinstance(field.allowed, Range):
+        least, most = field.allowed.least, field.allowed.most
+    return Rule(field.name, _check(field), field.is_required, field.default, least, most)
 
-RULES: dict[str, tuple[FieldRule, ...]] = {
-    "pose": (
-        *_ANY,
-        *_PLACE,
-        FieldRule("heading", number),
-        FieldRule("error_x", _error, False, 0.0),
-        FieldRule("error_y", _error, False, 0.0),
-        FieldRule("error_heading", _error, False, 0.0),
-    ),
-    "wall": (*_ANY, *_LINE, FieldRule("followed", _flag, False, True)),
-    "beam": (*_ANY, *_LINE, FieldRule("hit", _flag, False, True)),
-    "corner": (*_ANY, *_PLACE, FieldRule("corner", _corner)),
-    "meet": (
-        *_ANY,
-        FieldRule("peer", name_of),
-        FieldRule("peer_excursion", name_of),
-        FieldRule("upto", sequence_number, False),
-    ),
+
+RULES: dict[str, tuple[Rule, ...]] = {
+    kind: tuple(_rule(field) for field in fields) for kind, fields in FIELDS.items()
 }
 """Each kind's fields, in the order of its class's attributes."""
 
-_RULES: dict[str, list[tuple[str, Check, bool, object]]] = {
-    kind: [(rule.name, rule.check, rule.required, rule.default) for rule in rules]
-    for kind, rules in RULES.items()
+_RULES: dict[str, list[tuple[str, Check, bool, object, float, float]]] = {
+    kind: [(*rule,) for rule in rules] for kind, rules in RULES.items()
 }
 """The same as plain tuples, which Python takes apart in half the time."""
 
@@ -207,15 +200,14 @@ def record_of(value: object, nesting: int) -> Record:
         extra = own_keys(fields, allowed, f"a {kind}", nesting)
     values: list[object] = []
     get, keep = fields.get, values.append
-    for name, check, required, default in _RULES[kind]:
+    for name, check, is_required, default, least, most in _RULES[kind]:
         found = get(name, _MISSING)
-        if found is _MISSING:
-            if required:
+        if type(found) is float and least <= found <= most:  # as most of them
+            keep(found + 0.0)
+        elif found is _MISSING:
+            if is_required:
                 raise Fault((), f"{name} is missing, a {kind} needs it")
             keep(default)
-        # Most values are such numbers: ``number`` would say the same, and later.
-        elif check is number and type(found) is float and -LARGEST <= found <= LARGEST:
-            keep(found + 0.0)
         else:
             keep(check(name, found))
     make: Callable[..., Record] = KINDS[kind]  # RULES follow the attributes
@@ -266,10 +258,5 @@ def model_of(value: object) -> OwnModel:
         if name not in PARAMETERS:
             guess = did_you_mean(name, PARAMETERS) or f", expected one of {', '.join(PARAMETERS)}"
             raise Fault((name,), f"unknown parameter {shown(name)}{guess}")
-        checked = number(name, found)
-        try:
-            check_parameter(name, checked)
-        except ValueError as error:
-            raise Fault((name,), str(error).partition(", ")[2]) from None
-        parameters.append((name, checked))
+        parameters.append((name, number(name, found, range_of(name))))
     return tuple(sorted(parameters))

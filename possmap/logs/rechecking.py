@@ -8,24 +8,23 @@ from dataclasses import fields
 from operator import attrgetter
 from typing import Any, NamedTuple
 
-from possmap.core.model import LARGEST
 from possmap.core.records import KINDS, PartialMap, Record
 from possmap.errors import shown
 from possmap.logs.builder import ExcursionBuilder, header_of
-from possmap.logs.fields import RULES, Check, Fault, as_object, number, own_keys, unique_keys
+from possmap.logs.fields import RULES, Fault, Rule, as_object, own_keys, unique_keys
 
 
 class _Rules(NamedTuple):
     """A kind of record: how to take its values out of one, and how to check each."""
 
     content: Callable[[Record], tuple[Any, ...]]
-    checks: tuple[tuple[str, Check, bool], ...]
+    checks: tuple[Rule, ...]
 
 
 _RULES = {
     kind: _Rules(
         attrgetter(*(one.name for one in fields(kind) if one.name != "extra")),
-        tuple((rule.name, rule.check, rule.required) for rule in RULES[name]),
+        RULES[name],
     )
     for name, kind in KINDS.items()
 }
@@ -62,11 +61,12 @@ def rechecked(version: PartialMap, nesting: int) -> PartialMap:
 
 def _check_record(record: Record, nesting: int) -> None:
     content, checks = _RULES[type(record)]
-    for (name, check, required), found in zip(checks, content(record), strict=True):
-        # Most values are such numbers: ``number`` would say the same, and later.
-        if check is number and type(found) is float and -LARGEST <= found <= LARGEST:
+    for (name, check, is_required, _, least, most), found in zip(
+        checks, content(record), strict=True
+    ):
+        if type(found) is float and least <= found <= most:  # as most of them
             continue
-        if found is not None or required:
+        if found is not None or is_required:
             check(name, found)
     if record.extra:
         _check_own(record.extra, nesting)

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from possmap.core.ranges import TIME
 from possmap.errors import LogError, SettingsError, printable, shown
-from possmap.logs.fields import Fault, as_object, finite, name_of, number
+from possmap.logs.fields import Fault, as_object, name_of, number
 from possmap.logs.json_text import JsonSyntaxError, JsonText
 from possmap.logs.text import read_text
 from possmap.settings.limits import Limits
@@ -157,7 +158,7 @@ def _track(given: object) -> Track:
         if not isinstance(row, list) or len(row) != COLUMNS:
             raise Fault((f"track[{index}]",), f"found {shown(row)}, expected [{names}]")
         if not all(type(value) is float and -1e6 <= value <= 1e6 for value in row):
-            finite(f"track[{index}]", row[0])  # a time may be any
+            number(f"track[{index}]", row[0], TIME)
             for value in row[1:]:
                 number(f"track[{index}]", value)
     return np.array(given, dtype=np.float64).reshape(-1, COLUMNS)

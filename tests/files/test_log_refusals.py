@@ -28,7 +28,7 @@ NAME_EXPECTED = "expected 1 to 64 characters of A-Z a-z 0-9 . _ : -"
 NEVER_NEGATIVE = (
     "along", "across", "turn_spread", "turn_noise", "drift_spread", "alignment_spread", "sensor",
 )  # fmt: skip
-BELOW, ZERO = "found -0.5, expected a number >= 0", "found 0.0, expected a number > 0"
+BELOW, ZERO = "found -0.5, expected a number >= 0", "found 0, expected a number > 0"
 PARAMETERS = (
     "along, across, turn_bias, turn_gain, turn_spread, turn_noise, drift, drift_spread, scale, "
     "alignment_spread, sensor, max_error, factor"
