@@ -13,10 +13,18 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.lab.evaluate.reliability import Bin
-    from possmap.lab.evaluate.results import Evaluation, MethodScore
+    from possmap.lab.evaluate.results import Evaluation
+    from possmap.lab.evaluate.validity import Bin
 
-MEASURES = ("auc", "f1_5cm", "f1_15cm", "precision_15cm", "recall_15cm")
+MEASURES = {
+    "auc": "AUC", "f1_5cm": "F1 5cm", "f1_15cm": "F1 15cm", "precision_15cm": "precision",
+    "recall_15cm": "recall", "brier": "Brier", "log_score": "log score",
+    "dangerous_free": "walls free", "called_free": "floor free",
+    "dangerous_at_equal_floor": "at equal floor",
+}  # fmt: skip
+"""Of every method, with the titles of their columns."""
+
+OF_GRIDS = ("auc_necessity", "sharpness", "contested", "contradicted", "mean_conflict")
 
 
 @click.command(epilog="Example: possmap evaluate site.possmap --truth data/truth.json")
@@ -106,53 +114,34 @@ def _origin(text: str | None) -> tuple[float, float] | None:
 
 
 def _as_json(found: Evaluation) -> dict[str, Any]:
-    first = next(iter(found.methods))
-    rectangles, explored = found.rectangles[first], found.explored[first]
+    first = next(iter(found.grids.values()))
+    rectangles = first.rectangles
+    methods: dict[str, dict[str, Any]] = {}
+    for name, score in found.methods.items():
+        methods[name] = {measure: getattr(score, measure) for measure in MEASURES}
+        one = found.grids.get(name)
+        if one is not None:
+            methods[name] |= {measure: getattr(one, measure) for measure in OF_GRIDS}
+            methods[name]["lower_validity"] = [_bin(part) for part in one.lower_validity]
+            methods[name]["upper_validity"] = [_bin(part) for part in one.upper_validity]
     return {
         "mask_cells": found.mask_cells,
         "wall_cells": found.wall_cells,
         "base_rate": found.base_rate,
         "resolution": found.resolution,
-        "methods": {
-            name: _method(score) | (_interval(found, name) if name in found.intervals else {})
-            for name, score in found.methods.items()
-        },
+        "methods": methods,
         "rectangles": {
             "coverage": rectangles and rectangles.coverage,
             "coverage_by_length": rectangles and rectangles.coverage_by_length,
             "mean_half_width": rectangles and rectangles.mean_half_width,
             "poses": rectangles.poses if rectangles else 0,
         },
-        "explored": {"free": explored.free, "wall": explored.wall},
+        "explored": {"free": first.explored_free, "wall": first.explored_wall},
         "reference": {
-            "all_wall_f1_15cm": found.reference.all_wall_f1_15cm,
-            "true_pose_f1_15cm": found.reference.true_pose_f1_15cm,
+            "all_wall_f1_15cm": found.all_wall_f1_15cm,
+            "true_pose_f1_15cm": found.true_pose_f1_15cm,
         },
         "notes": list(found.notes),
-    }
-
-
-def _method(score: MethodScore) -> dict[str, Any]:
-    return {name: getattr(score, name) for name in MEASURES} | {
-        "brier": score.brier.score,
-        "brier_calibration": score.brier.calibration,
-        "brier_refinement": score.brier.refinement,
-        "log_score": score.log_score.score,
-        "log_score_calibration": score.log_score.calibration,
-        "log_score_refinement": score.log_score.refinement,
-        "dangerous_free": score.dangerous_free,
-    }
-
-
-def _interval(found: Evaluation, name: str) -> dict[str, Any]:
-    one = found.intervals[name]
-    return {
-        "auc_necessity": one.auc_necessity,
-        "sharpness": one.sharpness,
-        "contradicted": one.contradicted,
-        "mean_conflict": one.mean_conflict,
-        "lower_validity": [_bin(part) for part in one.lower_validity],
-        "upper_validity": [_bin(part) for part in one.upper_validity],
     }
 
 
@@ -163,6 +152,7 @@ def _bin(part: Bin) -> dict[str, float]:
 
 def _as_text(found: Evaluation) -> Iterator[str]:
     from possmap.errors import printable
+    from possmap.lab.evaluate.report import grid_words, number_words
 
     share = found.wall_cells / found.mask_cells
     yield (
@@ -170,70 +160,31 @@ def _as_text(found: Evaluation) -> Iterator[str]:
         f"{found.wall_cells} of them wall ({share:.1%})"
     )
     width = max(13, *(len(printable(name)) for name in found.methods))
-    columns = (
-        "AUC", "F1 5cm", "F1 15cm", "precision", "recall", "Brier", "log score", "danger. free",
-    )  # fmt: skip
     yield ""
-    yield f"{'':{width}}  " + "  ".join(f"{column:>9}" for column in columns)
+    yield f"{'':{width}}" + "".join(f"  {title:>7}" for title in MEASURES.values())
     for name, score in found.methods.items():
-        values = [getattr(score, measure) for measure in MEASURES]
-        values += [score.brier.score, score.log_score.score, score.dangerous_free]
-        row = "  ".join(
-            f"{_number(value):>{max(9, len(column))}}"
-            for value, column in zip(values, columns, strict=True)
-        )
-        yield f"{printable(name):{width}}  {row}"
-    reference = found.reference
+        values = ((number_words(getattr(score, key)), title) for key, title in MEASURES.items())
+        row = "".join(f"  {value:>{max(7, len(title))}}" for value, title in values)
+        yield f"{printable(name):{width}}{row}"
     yield (
-        f"for scale: calling every cell wall has F1 15cm {_number(reference.all_wall_f1_15cm)}, "
-        f"the same records at their true poses {_number(reference.true_pose_f1_15cm)}"
+        f"for scale: calling every cell wall has F1 15cm {number_words(found.all_wall_f1_15cm)}, "
+        f"the same records at their true poses {number_words(found.true_pose_f1_15cm)}"
     )
-    for name in found.intervals:
+    for name, one in found.grids.items():
         yield ""
-        yield from _of_grid(found, name)
-
-
-def _of_grid(found: Evaluation, name: str) -> Iterator[str]:
-    """Say what only a map of N and Π has to answer for."""
-    from possmap.errors import printable
-
-    one, explored = found.intervals[name], found.explored[name]
-    yield printable(name)
-    yield (
-        f"  left open {one.sharpness:.3f} of 1 on average, contradicted {one.contradicted:.1%} of "
-        f"the cells, mean conflict {one.mean_conflict:.4f}, AUC of N alone "
-        f"{_number(one.auc_necessity)}"
-    )
-    rectangles = found.rectangles[name]
-    if rectangles is not None:
-        by_length = rectangles.coverage_by_length
-        yield (
-            f"  rectangles hold the true place at {rectangles.coverage:.1%} of "
-            f"{rectangles.poses} poses"
-            + (f", {by_length:.1%} of the way" if by_length is not None else "")
-            + f"; mean half-width {rectangles.mean_half_width:.2f} m"
-        )
-    free = "" if explored.free is None else f"{explored.free:.1%} of the floor, "
-    yield f"  explored {free}{_percent(explored.wall)} of the walls"
-    head = "     cells    mean  a wall in it  10 cm  30 cm  within its rectangle"
-    yield f"  where N is{head}"
-    yield from (_row(part, part.wall_local < part.mean) for part in one.lower_validity)
-    yield f"  where Pi is{head[1:]}"
-    yield from (_row(part, False) for part in one.upper_validity)
+        yield printable(name)
+        yield from (f"  {words}" for words in grid_words(one))
+        head = "    cells    mean  a wall in it  10 cm  30 cm  within its rectangle"
+        yield f"  where Bel is{head}"
+        yield from (_row(part, part.wall_local < part.mean) for part in one.lower_validity)
+        yield f"  where Pl is {head}"
+        yield from (_row(part, False) for part in one.upper_validity)
 
 
 def _row(part: Bin, claims_too_much: bool) -> str:
-    """Return a bin's line; marked where N claims more than is there."""
+    """Return a bin's line; marked where Bel claims more than is there."""
     span = f"{part.low:.1f}-{part.high:.1f}" if part.high > part.low else f"{part.low:.0f}"
     return (
-        f"    {span:<8}{part.cells:>8}{part.mean:>8.3f}{part.wall:>14.3f}{part.wall_10cm:>7.3f}"
-        f"{part.wall_30cm:>7.3f}{part.wall_local:>8.3f}" + (" < N" if claims_too_much else "")
+        f"    {span:<8}{part.cells:>9}{part.mean:>8.3f}{part.wall:>14.3f}{part.wall_10cm:>7.3f}"
+        f"{part.wall_30cm:>7.3f}{part.wall_local:>8.3f}" + (" < Bel" if claims_too_much else "")
     )
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3f}"
-
-
-def _percent(value: float | None) -> str:
-    return "-" if value is None else f"{value:.1%}"

@@ -25,11 +25,11 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from possmap.lab.evaluate.evaluate import Baselines
 
 from possmap.fusing.fuse import fuse
 from possmap.lab.evaluate.bayes import BayesSettings
 from possmap.lab.evaluate.distance import squared_distances
-from possmap.lab.evaluate.evaluate import Baselines
 from possmap.lab.evaluate.results import Evaluation
 from possmap.lab.evaluate.run import Question, evaluate
 from possmap.lab.evaluate.smeared import SmearSettings

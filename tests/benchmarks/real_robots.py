@@ -260,8 +260,8 @@ def judged(
     found = evaluate(grid, path.with_name("truth.json"), Question())
     for method in ("possmap", "bayes", "bayes-smeared"):
         yield f"{found.methods[method].f1_15cm:.3f}"
-    yield f"{found.reference.all_wall_f1_15cm:.3f}"
-    yield f"{found.reference.true_pose_f1_15cm:.3f}"
+    yield f"{found.all_wall_f1_15cm:.3f}"
+    yield f"{found.true_pose_f1_15cm:.3f}"
 
 
 APPLIED = ("drift", "turn_gain", "scale")

@@ -17,10 +17,10 @@ from possmap.core.model import ErrorModel
 from possmap.core.pyramid import FULL, count_of, relevant
 from possmap.core.records import Beam, PartialMap, Pose, Record, Wall
 from possmap.core.settings import EvidenceSettings
-from possmap.lab.evaluate.bayes import BayesSettings, bayes, probability
-from possmap.lab.evaluate.local import strongest
-from possmap.lab.evaluate.smeared import SmearSettings, bayes_smeared
-from possmap.lab.evaluate.strokes import Outing, floor_cells, strokes
+from possmap.lab.evaluate.bayes import LogOddsSettings, bayes, probability
+from possmap.lab.evaluate.local_rectangles import strongest
+from possmap.lab.evaluate.observations import JudgedExcursion, Raster, observations
+from possmap.lab.evaluate.smeared import bayes_smeared
 
 SURE = ErrorModel(along=0, across=0, turn_spread=0)
 C = 0.1
@@ -28,10 +28,10 @@ C = 0.1
 
 def outing(
     records: Sequence[Record], model: ErrorModel = SURE, name: str = "a", **settings: object
-) -> Outing:
+) -> JudgedExcursion:
     version = PartialMap("r1", name, (), tuple(records))
     chosen = EvidenceSettings(resolution=C, **settings)  # type: ignore[arg-type]
-    return Outing(version, findings(version, model, chosen))
+    return JudgedExcursion(version, findings(version, model, chosen))
 
 
 def pose(seq: int, x: float, y: float, error: float = 0.0) -> Pose:
@@ -50,7 +50,7 @@ PAST_A_WALL = [
 
 
 def test_a_wall_and_the_floor_under_a_body_as_text() -> None:
-    grid = bayes([outing(PAST_A_WALL)], Window(0, 6, 0, 9), C, BayesSettings(body=0.25))
+    grid = bayes([outing(PAST_A_WALL)], Window(0, 6, 0, 9), C, LogOddsSettings(body=0.25))
     assert drawn(grid.log_odds, {0.0: ".", 0.85: "#", -0.4: "o"}) == [
         ".........",
         ".#######.",
@@ -66,10 +66,10 @@ def test_log_odds_are_held_between_their_bounds_after_every_record() -> None:
     walls = [Wall(k, None, 0.45, 0.45, 0.45, 0.45) for k in range(1, 7)]
     there = [pose(0, 0.15, 0.15), *walls, pose(7, 0.16, 0.15)]
     over = [pose(8 + k, 0.15 + 0.6 * (k % 2), 0.45) for k in range(3)]
-    grid = bayes([outing([*there, *over])], Window(0, 9, 0, 9), C, BayesSettings())
+    grid = bayes([outing([*there, *over])], Window(0, 9, 0, 9), C, LogOddsSettings())
     assert grid.log_odds[4, 4] == pytest.approx(3.5 - 0.4 * 2)  # not 6·.85 - …
     drives = [pose(k, 0.15 + 0.6 * (k % 2), 0.15) for k in range(12)]
-    assert bayes([outing(drives)], Window(0, 9, 0, 9), C, BayesSettings()).log_odds.min() == -2
+    assert bayes([outing(drives)], Window(0, 9, 0, 9), C, LogOddsSettings()).log_odds.min() == -2
 
 
 def test_beams_between_two_poses_are_one_scan_in_which_a_hit_beats_the_way() -> None:
@@ -80,7 +80,7 @@ def test_beams_between_two_poses_are_one_scan_in_which_a_hit_beats_the_way() -> 
         Beam(3, None, 0.05, 0.05, 0.85, 0.05, hit=False),
         pose(4, 0.05, 0.05),
     ]
-    grid = bayes([outing(scan)], Window(0, 1, 0, 10), C, BayesSettings())
+    grid = bayes([outing(scan)], Window(0, 1, 0, 10), C, LogOddsSettings())
     assert drawn(grid.log_odds, {0.0: ".", 0.85: "#", -0.4: "o"}) == ["oooo#oo#o."]
 
 
@@ -89,7 +89,7 @@ def test_one_detection_and_one_pass_are_possmaps_own_probability(
     n: float, denial: float, base_rate: float
 ) -> None:
     """METHOD §4: ℓ(wall) = -ln(1 - α), ℓ(free) = ln Π."""
-    told = BayesSettings(hit=-math.log1p(-n), free=-math.log1p(-denial), low=-99, high=99)
+    told = LogOddsSettings(hit=-math.log1p(-n), free=-math.log1p(-denial), low=-99, high=99)
     there = [pose(0, 0.05, 0.15), Wall(1, None, 0.45, 0.45, 0.45, 0.45), pose(2, 0.05, 0.45)]
     through = [pose(3, 0.85, 0.45)]
     grid = bayes([outing([*there, *through])], Window(0, 6, 0, 9), C, told)
@@ -99,8 +99,8 @@ def test_one_detection_and_one_pass_are_possmaps_own_probability(
 
 
 def test_what_is_known_exactly_is_not_smeared() -> None:
-    sharp = bayes([outing(PAST_A_WALL)], Window(0, 6, 0, 9), C, BayesSettings())
-    smeared = bayes_smeared([outing(PAST_A_WALL)], Window(0, 6, 0, 9), C, SmearSettings())
+    sharp = bayes([outing(PAST_A_WALL)], Window(0, 6, 0, 9), C, LogOddsSettings())
+    smeared = bayes_smeared([outing(PAST_A_WALL)], Window(0, 6, 0, 9), C, LogOddsSettings())
     assert smeared.log_odds == pytest.approx(sharp.log_odds, abs=1e-6)
 
 
@@ -112,7 +112,7 @@ def looked_at(error: float) -> list[Record]:
 @pytest.mark.parametrize("error", [0.1, 0.3, 0.6])
 def test_the_smear_of_a_point_is_a_gaussian_that_adds_up_to_the_point(error: float) -> None:
     window = Window(-20, 40, -20, 40)
-    grid = bayes_smeared([outing(looked_at(error))], window, C, SmearSettings())
+    grid = bayes_smeared([outing(looked_at(error))], window, C, LogOddsSettings())
     assert grid.log_odds.sum() == pytest.approx(0.85, rel=0.02)
     rows, columns = np.indices(window.shape)
     weights = grid.log_odds / grid.log_odds.sum()
@@ -120,27 +120,27 @@ def test_the_smear_of_a_point_is_a_gaussian_that_adds_up_to_the_point(error: flo
     assert middle == pytest.approx((30, 30), abs=1e-4)
     sd = math.sqrt((weights * (rows - 30) ** 2).sum()) * C
     assert sd == pytest.approx(math.hypot(error / 2.236, C / math.sqrt(12)), rel=0.05)
-    peak = bayes_smeared([outing(looked_at(error))], window, C, SmearSettings(height="peak"))
-    assert peak.log_odds.max() == pytest.approx(0.85)
 
 
 def test_an_excursions_looks_do_not_add_up_but_excursions_do() -> None:
     window = Window(0, 30, 0, 30)
     once = looked_at(0.2)
     twice = [*once, Wall(3, None, 1.05, 1.05, 1.05, 1.05), pose(4, 0.05, 0.05)]
-    one = bayes_smeared([outing(once)], window, C, SmearSettings()).log_odds
-    assert (bayes_smeared([outing(twice)], window, C, SmearSettings()).log_odds == one).all()
+    one = bayes_smeared([outing(once)], window, C, LogOddsSettings()).log_odds
+    assert (bayes_smeared([outing(twice)], window, C, LogOddsSettings()).log_odds == one).all()
     both = [outing(once), outing(PAST_A_WALL, name="b")]
-    forth = bayes_smeared(both, window, C, SmearSettings()).log_odds
-    back = bayes_smeared(both[::-1], window, C, SmearSettings()).log_odds
+    forth = bayes_smeared(both, window, C, LogOddsSettings()).log_odds
+    back = bayes_smeared(both[::-1], window, C, LogOddsSettings()).log_odds
     assert forth == pytest.approx(back, abs=1e-6)
-    two = bayes_smeared([outing(once), outing(once, name="b")], window, C, SmearSettings()).log_odds
+    two = bayes_smeared(
+        [outing(once), outing(once, name="b")], window, C, LogOddsSettings()
+    ).log_odds
     assert two == pytest.approx(2 * one)
 
 
 def test_what_is_as_far_off_as_max_error_is_not_told() -> None:
     window = Window(0, 30, 0, 30)
-    far = bayes_smeared([outing(looked_at(1.0))], window, C, SmearSettings())
+    far = bayes_smeared([outing(looked_at(1.0))], window, C, LogOddsSettings())
     assert not far.touched.any()
 
 
@@ -155,10 +155,10 @@ def test_the_floor_under_a_body_is_what_lies_near_its_path(
 ) -> None:
     window = Window(low, low + size, low, low + size)
     one = outing([pose(0, *places[:2]), pose(1, *places[2:])])
-    (stroke,) = strokes(one)
-    assert stroke.driven is not None
+    (told,) = observations(one)
+    assert told.driven is not None
     found = np.zeros(window.cells, dtype=bool)
-    found[floor_cells(stroke.driven, width, window, C).flat(window)] = True
+    found[Raster(window, C).floor(told.driven, width).flat(window)] = True
     x0, y0, x1, y1 = places
     n = max(1, math.ceil(max(abs(x1 - x0), abs(y1 - y0)) / C - 1e-6))
     path = {
@@ -182,7 +182,7 @@ def test_the_floor_under_a_body_is_what_lies_near_its_path(
 
 def test_far_away_ends_cost_nothing() -> None:
     one = outing([pose(0, -9e5, -9e5), pose(1, 9e5, 9e5)])
-    grid = bayes([one], Window(0, 10, 0, 10), C, BayesSettings())
+    grid = bayes([one], Window(0, 10, 0, 10), C, LogOddsSettings())
     assert grid.touched.diagonal().all() and grid.touched.sum() < 40
 
 

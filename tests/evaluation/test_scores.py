@@ -11,11 +11,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from possmap.core.lattice import Window
-from possmap.lab.evaluate.exam import Exam
-from possmap.lab.evaluate.proper import brier, calibration_bins, log_score
-from possmap.lab.evaluate.ranking import Ranking
-from possmap.lab.evaluate.reliability import by_necessity, by_possibility
+from possmap.lab.evaluate.scores import JudgedCells, Ranking
 from possmap.lab.evaluate.true_map import TrueMap, true_map
+from possmap.lab.evaluate.validity import of_lower_bound, of_upper_bound
 
 values = st.sampled_from([0.0, 0.1, 0.25, 0.5, 0.75, 1.0])
 
@@ -49,8 +47,8 @@ def test_f1_is_the_best_of_all_thresholds(
     walls: np.ndarray, touched: np.ndarray, scores: np.ndarray, tolerance: float
 ) -> None:
     walls[0, 0] = touched[0, 0] = True
-    exam = Exam.of(world(walls), touched)
-    found = exam.score(scores[touched], np.full(touched.sum(), 0.5), np.zeros(touched.sum(), bool))
+    cells = JudgedCells.among(world(walls), touched)
+    found = cells.score(scores[touched], np.full(touched.sum(), 0.5), np.zeros(touched.sum(), bool))
     best = (0.0, 0.0, 0.0)
 
     def near(a: tuple[int, ...], b: tuple[int, ...]) -> bool:
@@ -74,44 +72,53 @@ def test_f1_is_the_best_of_all_thresholds(
 def test_calling_all_wall_finds_all_and_is_as_precise_as_walls_are_frequent() -> None:
     walls = np.zeros((1, 20), dtype=bool)
     walls[0, 10] = True
-    exam = Exam.of(world(walls), np.ones((1, 20), dtype=bool))
+    cells = JudgedCells.among(world(walls), np.ones((1, 20), dtype=bool))
     precision = 7 / 20  # three cells on either side
-    assert exam.all_wall_f1() == pytest.approx(2 * precision / (1 + precision))
+    assert cells.all_wall_f1() == pytest.approx(2 * precision / (1 + precision))
     drawn = np.zeros((1, 20), dtype=bool)
     drawn[0, [12, 19]] = True
-    assert exam.drawn_f1(drawn) == pytest.approx(2 * 0.5 * 1 / 1.5)
+    assert cells.drawn_f1(drawn) == pytest.approx(2 * 0.5 * 1 / 1.5)
 
 
-@given(st.lists(st.tuples(st.floats(0, 1), st.booleans()), min_size=1, max_size=50))
-def test_proper_scores_split_into_parts_that_add_up(cells: list[tuple[float, bool]]) -> None:
-    said, wall = np.array([p for p, _ in cells]), np.array([w for _, w in cells])
-    for split in (brier(said, wall), log_score(said, wall)):
-        assert split.calibration + split.refinement == pytest.approx(split.score)
-        assert split.calibration >= -1e-9
-    assert brier(said, wall).score == pytest.approx(np.mean((said - wall) ** 2))
+def test_proper_scores_are_means_and_one_certain_mistake_does_not_cost_all() -> None:
+    walls = np.array([[True, False, True, False]])
+    cells = JudgedCells.among(world(walls), np.ones((1, 4), dtype=bool))
+    said = np.array([0.75, 0.25, 0.0, 0.0])
+    found = cells.score(said, said, said < 0.5)
+    assert found.brier == pytest.approx((2 * 0.25**2 + 1) / 4)
+    assert found.log_score == pytest.approx((-2 * math.log(0.75) + 16) / 4, abs=1e-6)
+    assert (found.dangerous_free, found.called_free) == (0.5, 1)
 
 
-def test_probabilities_that_are_frequencies_lose_nothing_to_calibration() -> None:
-    said = np.repeat([0.25, 0.75], 4)
-    wall = np.array([True, False, False, False, True, True, True, False])
-    for split in (brier(said, wall), log_score(said, wall)):
-        assert split.calibration == pytest.approx(0, abs=1e-12)
-    assert brier(said, wall).score == pytest.approx(0.1875)
-    assert calibration_bins(said, wall) == ((0.25, 0.25, 4), (0.75, 0.75, 4))
+@given(st.lists(st.tuples(values, st.booleans()), min_size=2, max_size=30), st.floats(0, 1))
+def test_walls_at_an_equal_floor_are_those_among_the_lowest_scores(
+    cells: list[tuple[float, bool]], share: float
+) -> None:
+    """Of the lowest scores, as many as hold that share of the floor; ties in proportion."""
+    scores, wall = np.array([s for s, _ in cells]), np.array([w for _, w in cells])
+    found = Ranking(scores).walls_below(wall, share)
+    if not wall.any() or wall.all():
+        assert found is None
+        return
+    floor, missed, wanted = 0.0, 0.0, share * (~wall).sum()
+    for level in sorted(set(scores.tolist())):
+        here = scores == level
+        free, walls = (here & ~wall).sum(), (here & wall).sum()
+        if floor >= wanted:
+            break
+        part = min(1.0, (wanted - floor) / free) if free else 1.0
+        floor, missed = floor + part * free, missed + part * walls
+    assert found == pytest.approx(missed / wall.sum())
 
 
-def test_one_certain_mistake_does_not_cost_all() -> None:
-    assert log_score(np.array([0.0, 1.0]), np.array([True, True])).score == pytest.approx(8)
-
-
-def test_bins_of_n_are_closed_above_and_those_of_p_below() -> None:
+def test_bins_of_bel_are_closed_above_and_those_of_pl_below() -> None:
     wall = np.array([False, True, False, True, True])
     flags = dict.fromkeys(("wall", "wall_10cm", "wall_30cm", "wall_local"), wall)
-    lower = by_necessity(np.array([0.0, 0.1, 0.05, 0.95, 1.0]), flags)
+    lower = of_lower_bound(np.array([0.0, 0.1, 0.05, 0.95, 1.0]), flags)
     assert [(b.low, b.high, b.cells) for b in lower] == [(0, 0, 1), (0, 0.1, 2), (0.9, 1.0, 2)]
     assert [b.wall for b in lower] == [0, 0.5, 1]
     assert lower[1].mean == pytest.approx(0.075)
-    upper = by_possibility(np.array([0.0, 0.1, 0.05, 0.95, 1.0]), flags)
+    upper = of_upper_bound(np.array([0.0, 0.1, 0.05, 0.95, 1.0]), flags)
     assert [(b.low, b.high, b.cells) for b in upper] == [
         (0, 0.1, 2), (0.1, 0.2, 1), (0.9, 1.0, 1), (1.0, 1.0, 1),
     ]  # fmt: skip

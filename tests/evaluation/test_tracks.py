@@ -13,8 +13,8 @@ from possmap.core.records import PartialMap, Pose
 from possmap.core.settings import EvidenceSettings
 from possmap.lab.evaluate.distance import squared_distances
 from possmap.lab.evaluate.raster import cells_of
-from possmap.lab.evaluate.reference import true_walls
 from possmap.lab.evaluate.tracks import apart, matched, rectangles, track_errors
+from possmap.lab.evaluate.true_poses import true_walls
 from possmap.logs.fields import record_of
 
 

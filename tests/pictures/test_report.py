@@ -9,18 +9,11 @@ import pytest
 from PIL import Image
 
 from possmap.core.lattice import Window
-from possmap.lab.evaluate.picture import COLOURS, report
-from possmap.lab.evaluate.proper import Split
-from possmap.lab.evaluate.ranking import Curve
-from possmap.lab.evaluate.reliability import Bin
-from possmap.lab.evaluate.results import (
-    Evaluation,
-    Explored,
-    IntervalScore,
-    MethodScore,
-    Reference,
-)
+from possmap.lab.evaluate.report import COLOURS, report
+from possmap.lab.evaluate.results import Evaluation, GridScore
+from possmap.lab.evaluate.scores import Curve, MethodScore
 from possmap.lab.evaluate.tracks import Rectangles, TrackErrors
+from possmap.lab.evaluate.validity import Bin
 from possmap.pictures import palettes
 from possmap.pictures.charts import Axis, Chart, Mark, Series
 
@@ -77,31 +70,22 @@ def test_a_dashed_line_has_gaps_and_a_whole_one_has_none() -> None:
 
 
 def method(value: float | None) -> MethodScore:
-    curve = Curve(
-        np.array([0.1, 0.9]), np.array([0.4, 0.8]), np.array([1, 0.5]), np.array([0.6, 0.6])
-    )
-    return MethodScore(
-        auc=value,
-        f1_5cm=value,
-        f1_15cm=value,
-        precision_15cm=value,
-        recall_15cm=value,
-        brier=Split(0.2, 0.1, 0.1),
-        log_score=Split(0.6, 0.3, 0.3),
-        dangerous_free=value,
-        curve_15cm=None if value is None else curve,
-        probability_bins=((0.2, 0.1, 10), (0.8, 0.9, 20)),
-    )
+    curve = Curve(np.array([0.4, 0.8]), np.array([1, 0.5]), np.array([0.6, 0.6]))
+    whole = None if value is None else curve
+    return MethodScore(*[value] * 5, 0.2, 0.6, *[value] * 3, whole)  # type: ignore[arg-type]
 
 
 def evaluation(value: float | None = 0.5, names: tuple[str, ...] = ("possmap",)) -> Evaluation:
     bins = tuple(
         Bin(k / 10, k / 10 + 0.1, 10 * k + 1, k / 10 + 0.05, 0.1, 0.2, 0.5, 0.9) for k in range(10)
     )
-    interval = IntervalScore(value, 0.7, 0.02, 0.01, bins, bins)
     ramp = np.linspace(0, 1, 60)
     track = TrackErrors("r1", "a", 20 * ramp, ramp / 3, ramp / 4, ramp, ramp)
     known = value is not None
+    grid = GridScore(
+        value, 0.7, 0.05, 0.02, 0.01, bins, bins, (track,) if known else (),
+        Rectangles(0.95, 0.94, 0.3, 60) if known else None, value, value,
+    )  # fmt: skip
     return Evaluation(
         window=Window(0, 10, 0, 10),
         resolution=0.05,
@@ -109,11 +93,9 @@ def evaluation(value: float | None = 0.5, names: tuple[str, ...] = ("possmap",))
         mask_cells=100,
         wall_cells=10,
         methods={name: method(value) for name in (*names, "bayes", "bayes-smeared")},
-        intervals=dict.fromkeys(names, interval),
-        rectangles=dict.fromkeys(names, Rectangles(0.95, 0.94, 0.3, 60) if known else None),
-        tracks=dict.fromkeys(names, (track,) if known else ()),
-        explored=dict.fromkeys(names, Explored(value, value)),
-        reference=Reference(value, value),
+        grids=dict.fromkeys(names, grid),
+        all_wall_f1_15cm=value,
+        true_pose_f1_15cm=value,
         walls=np.array([[0.0, 0.0, 1.0, 0.0]]),
         notes=() if known else ("no true tracks: no rectangles, and no score at true poses",),
     )
@@ -140,12 +122,9 @@ def test_every_method_has_its_row_and_colour() -> None:
 def test_what_could_not_be_had_is_said_and_nothing_breaks() -> None:
     picture = report(evaluation(None), MAPS)
     assert picture.width == report(evaluation(), MAPS).width
-    empty = replace(evaluation(), tracks={"possmap": ()}, rectangles={"possmap": None})
-    one_bin = replace(
-        evaluation().intervals["possmap"],
-        lower_validity=evaluation().intervals["possmap"].lower_validity[:1],
-    )
-    assert report(replace(empty, intervals={"possmap": one_bin}), MAPS).size
+    one = evaluation().grids["possmap"]
+    bare = replace(one, tracks=(), rectangles=None, lower_validity=one.lower_validity[:1])
+    assert report(replace(evaluation(), grids={"possmap": bare}), MAPS).size
 
 
 def test_names_of_any_length_stay_in_their_place() -> None:

@@ -18,8 +18,8 @@ from possmap.lab.calibrate.results import Estimate
 from possmap.lab.calibrate.trials import Floats, Trial
 from possmap.lab.calibrate.trials_file import read_trials
 from possmap.lab.calibrate.walls import alignment, sensor
-from possmap.lab.evaluate.reference import true_walls
 from possmap.lab.evaluate.tracks import HEADING, X, Y, matched
+from possmap.lab.evaluate.true_poses import true_walls
 from possmap.logs import encoding_of, read_log
 from possmap.settings.limits import Limits
 from possmap.truth.truth import read_truth

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +13,6 @@ Flags: TypeAlias = NDArray[np.bool_]
 """One yes or no per cell, shape (rows, columns), row 0 at the lowest y."""
 
 Ints: TypeAlias = NDArray[np.int64]
-
-Levels: TypeAlias = NDArray[np.int32]
-"""Ranks among scores: small numbers, of many cells."""
-
 Floats: TypeAlias = NDArray[np.float64]
 
 Segments: TypeAlias = Floats
@@ -27,48 +22,33 @@ AT_ONCE = 2**21
 """Stamps laid out together: bounds memory."""
 
 
-class Stamps(NamedTuple):
-    """Where the stamps of some segments lie; arrays of one length, segment by segment.
-
-    segment : whose it is.
-    share : how far along it, 0 to 1.
-    """
-
-    rows: Ints
-    columns: Ints
-    segment: Ints
-    share: Floats
-
-
-def stamps_of(segments: Segments, window: Window, resolution: float) -> Iterator[Stamps]:
-    """Yield the stamps k = 0..n of segments that lie in a window: of each, METHOD §2's.
+def cells_of(segments: Segments, window: Window, resolution: float) -> Flags:
+    """Return the cells of a window that segments touch: those of METHOD §2's stamps k = 0..n.
 
     n = max(1, ceil(max(|Δx|, |Δy|)/c - 1e-6)); the cell of P₀ + (k/n)(P₁ - P₀) is
     floor(p/c + 1e-6). Of segments that reach far beyond the window, only what matters is computed.
     """
+    touched = np.zeros(window.shape, dtype=np.bool_)
     if not len(segments):
-        return
+        return touched
     start, step = segments[:, :2], segments[:, 2:] - segments[:, :2]
     n = np.maximum(1, np.ceil(np.abs(step).max(axis=1) / resolution - HAIR)).astype(np.int64)
     first, last = within(segments, n, window, resolution)
     counts = np.maximum(0, last - first + 1)
-    whole = np.cumsum(counts)
+    ends = np.cumsum(counts)
     begin = 0
     while begin < len(segments):
-        before = whole[begin - 1] if begin else 0
-        end = max(begin + 1, int(np.searchsorted(whole, before + AT_ONCE, side="right")))
-        some = np.arange(begin, end)
-        owner = np.repeat(some, counts[begin:end])
-        k = np.arange(len(owner)) - np.repeat(whole[begin:end] - counts[begin:end] - before,
-                                              counts[begin:end]) + first[owner]  # fmt: skip
-        share = k / n[owner]
-        places = start[owner] + share[:, None] * step[owner]
-        cells = np.floor(places / resolution + HAIR).astype(np.int64)
-        rows, columns = cells[:, 1], cells[:, 0]
+        before = ends[begin - 1] if begin else 0
+        end = max(begin + 1, int(np.searchsorted(ends, before + AT_ONCE, side="right")))
+        owner = np.repeat(np.arange(begin, end), counts[begin:end])
+        k = np.arange(len(owner)) + before - (ends - counts)[owner] + first[owner]
+        places = start[owner] + (k / n[owner])[:, None] * step[owner]
+        columns, rows = np.floor(places / resolution + HAIR).astype(np.int64).T
         inside = (rows >= window.row0) & (rows < window.row1)
         inside &= (columns >= window.column0) & (columns < window.column1)
-        yield Stamps(rows[inside], columns[inside], owner[inside], share[inside])
+        touched[rows[inside] - window.row0, columns[inside] - window.column0] = True
         begin = end
+    return touched
 
 
 def within(segments: Segments, n: Ints, window: Window, resolution: float) -> tuple[Ints, Ints]:
@@ -85,14 +65,6 @@ def within(segments: Segments, n: Ints, window: Window, resolution: float) -> tu
     first = np.floor(np.clip(enter, 0, 2) * n).astype(np.int64)
     last = np.ceil(np.clip(leave, -1, 1) * n).astype(np.int64)
     return first, last
-
-
-def cells_of(segments: Segments, window: Window, resolution: float) -> Flags:
-    """Return the cells of a window that segments touch."""
-    touched = np.zeros(window.shape, dtype=np.bool_)
-    for some in stamps_of(segments, window, resolution):
-        touched[some.rows - window.row0, some.columns - window.column0] = True
-    return touched
 
 
 def extent_of(segments: Segments, resolution: float) -> Window:

@@ -6,87 +6,45 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from possmap.core.lattice import Window
-from possmap.lab.evaluate.proper import Split
-from possmap.lab.evaluate.ranking import Curve
 from possmap.lab.evaluate.raster import Segments
-from possmap.lab.evaluate.reliability import Bin
+from possmap.lab.evaluate.scores import MethodScore
 from possmap.lab.evaluate.tracks import Rectangles, TrackErrors
+from possmap.lab.evaluate.validity import Bin
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MethodScore:
-    """How true one method's map is, within the common mask.
+class GridScore:
+    """What only possmap's grids have, which say two numbers of a cell, and of what robots ran.
 
     Attributes
     ----------
-    auc
-        How often a wall cell scores higher than another; None if the mask has only one kind.
-    f1_5cm, f1_15cm, precision_15cm, recall_15cm
-        At the threshold that is best for F1 within the tolerance; None without a wall cell.
-    brier, log_score
-        Of the probability at the base rate, each split.
-    dangerous_free
-        Share of wall cells that the map calls free; None without a wall cell.
-    curve_15cm
-        Precision and recall of all thresholds, thinned.
-    probability_bins
-        Probability against frequency, as (mean, share of walls, cells) of each bin.
-    """
-
-    auc: float | None
-    f1_5cm: float | None
-    f1_15cm: float | None
-    precision_15cm: float | None
-    recall_15cm: float | None
-    brier: Split
-    log_score: Split
-    dangerous_free: float | None
-    curve_15cm: Curve | None
-    probability_bins: tuple[tuple[float, float, int], ...]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class IntervalScore:
-    """What only a map of N and Π has.
-
-    auc_necessity : as auc, of N alone.
-    sharpness : mean of max(0, Π - N), how much is left open; the lower the sharper.
-    contradicted : share of cells with N > Π.
-    mean_conflict : mean of K = N·(1 - Π).
-    lower_validity, upper_validity : cells binned by N, and by Π.
+    auc_necessity
+        As ``auc``, of N alone; None if the mask has only one kind.
+    sharpness
+        Mean of m(Ω) = Pl - Bel, how much is left open; the lower the sharper.
+    contested, contradicted, mean_conflict
+        Share of cells above ½ of the view, share with N > Π, and mean of Dempster's K.
+    lower_validity, upper_validity
+        Cells binned by Bel, and by Pl.
+    tracks, rectangles
+        Error against rectangle, by excursion, and summed up; None where no pose has a true place.
+    explored_free
+        Share of the building's free cells with Π < 1; None if they are not known.
+    explored_wall
+        Share of its wall cells, and so of the walls' length, with N > 0; None without any.
     """
 
     auc_necessity: float | None
     sharpness: float
+    contested: float
     contradicted: float
     mean_conflict: float
     lower_validity: tuple[Bin, ...]
     upper_validity: tuple[Bin, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Explored:
-    """How much of the building the evidence touches.
-
-    free : share of the building's free cells with Π < 1; None if they are not known.
-    wall : share of its wall cells, and so of the walls' length, with N > 0; None without any.
-    """
-
-    free: float | None
-    wall: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class Reference:
-    """What F1 within 15 cm means here.
-
-    all_wall_f1_15cm : of calling every cell of the mask a wall: less is worse than useless.
-    true_pose_f1_15cm : of the same records laid at the true poses: the ceiling. None without a
-        true track.
-    """
-
-    all_wall_f1_15cm: float | None
-    true_pose_f1_15cm: float | None
+    tracks: tuple[TrackErrors, ...]
+    rectangles: Rectangles | None
+    explored_free: float | None
+    explored_wall: float | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,14 +61,12 @@ class Evaluation:
         Cells that any method touched, without solid insides; and those of them that are wall.
     methods
         By name; the grids first, then ``bayes`` and ``bayes-smeared``.
-    intervals
+    grids
         What only possmap's grids have, by the same names.
-    rectangles
-        By the name of the grid; None where no pose has a true place.
-    tracks
-        Error against rectangle, excursion by excursion, by the name of the grid.
-    explored
-        By the name of the grid.
+    all_wall_f1_15cm
+        F1 of calling every cell of the mask a wall: less is worse than useless.
+    true_pose_f1_15cm
+        F1 of the same records laid at the true poses: the ceiling. None without a true track.
     walls
         The true walls [m].
     notes
@@ -123,10 +79,8 @@ class Evaluation:
     mask_cells: int
     wall_cells: int
     methods: Mapping[str, MethodScore]
-    intervals: Mapping[str, IntervalScore]
-    rectangles: Mapping[str, Rectangles | None]
-    tracks: Mapping[str, tuple[TrackErrors, ...]]
-    explored: Mapping[str, Explored]
-    reference: Reference
+    grids: Mapping[str, GridScore]
+    all_wall_f1_15cm: float | None
+    true_pose_f1_15cm: float | None
     walls: Segments
     notes: tuple[str, ...]

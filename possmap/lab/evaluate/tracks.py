@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -107,7 +107,7 @@ class Rectangles:
     poses: int
 
 
-def rectangles(tracks: list[TrackErrors]) -> Rectangles | None:
+def rectangles(tracks: Sequence[TrackErrors]) -> Rectangles | None:
     """Sum up the tracks; None without any matched pose."""
     if not any(len(one.distance) for one in tracks):
         return None
