@@ -116,7 +116,7 @@ def test_every_method_has_its_row_and_colour() -> None:
     assert many.height > few.height
     pixels = np.asarray(many)
     for colour in COLOURS[:5]:
-        assert (pixels[-260:] == colour).all(axis=2).any(), colour
+        assert (pixels[-320:] == colour).all(axis=2).any(), colour
 
 
 def test_what_could_not_be_had_is_said_and_nothing_breaks() -> None:
