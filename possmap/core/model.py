@@ -11,7 +11,17 @@ from possmap.core.ranges import LARGEST as LARGEST
 from possmap.core.ranges import Range
 
 NEVER_NEGATIVE = frozenset(
-    {"along", "across", "turn_spread", "turn_noise", "drift_spread", "alignment_spread", "sensor"}
+    {
+        "along",
+        "across",
+        "turn_spread",
+        "turn_noise",
+        "drift_spread",
+        "alignment_spread",
+        "wall_noise",
+        "wall_tilt",
+        "sensor",
+    }
 )
 POSITIVE = frozenset({"scale", "max_error", "factor"})
 
@@ -39,7 +49,7 @@ class ErrorModel:
     turn_spread: float = 2.0
     """Half-width of the unknown over-turn per 45°, one value per excursion [deg]."""
     turn_noise: float = 0.0
-    """Half-width of what changes from turn to turn, for 45° [deg]; estimator ``heading`` only."""
+    """Half-width of what changes from turn to turn, for 45° [deg]; ``linear`` ignores it."""
     drift: float = 0.0
     """Known turn to the left per metre run [deg/m]."""
     drift_spread: float = 0.0
@@ -48,6 +58,10 @@ class ErrorModel:
     """True distance over logged distance."""
     alignment_spread: float = 0.0
     """Heading half-width left after lining up with a wall [deg]."""
+    wall_noise: float = 0.045
+    """Half-width of a seen wall's end across the wall [m]; estimator ``walls`` only."""
+    wall_tilt: float = 4.5
+    """Half-width of a seen wall's own deviation from the axes [deg]; ``walls`` only."""
     sensor: float = 0.0
     """Half-width of the range sensor's own error [m]."""
     max_error: float = 1.0

@@ -30,6 +30,11 @@ Degrees: TypeAlias = Annotated[float, ranges.WITHIN, "anticlockwise from +x [deg
 HalfWidth: TypeAlias = Annotated[float, ranges.HALF_WIDTH, "counts on the first pose only [m]"]
 HalfAngle: TypeAlias = Annotated[float, ranges.HALF_WIDTH, "counts on the first pose only [deg]"]
 Name: TypeAlias = Annotated[str, NAME]
+Turned: TypeAlias = Annotated[
+    bool,
+    "whether a heading that differs from the pose before was a turn, or a belief set anew without"
+    " moving; false needs the place of the pose before",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +49,7 @@ class Pose:
     error_x: HalfWidth = 0.0
     error_y: HalfWidth = 0.0
     error_heading_deg: HalfAngle = 0.0
+    turned: Turned | None = None
     extra: str = field(default="", compare=False)
 
 

@@ -10,8 +10,9 @@ from typing import Literal, TypeAlias
 from possmap.core.model import ErrorModel
 from possmap.core.records import OwnModel
 
-Estimator: TypeAlias = Literal["linear", "heading"]
+Estimator: TypeAlias = Literal["linear", "heading", "walls"]
 Independence: TypeAlias = Literal["detection", "excursion"]
+FreeFusion: TypeAlias = Literal["minimum", "dempster"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,10 +25,20 @@ class EvidenceSettings:
         Metres per cell, > 0.
     estimator
         How error rectangles are propagated: ``linear`` is the paper's; ``heading`` needs
-        calibrated robots, ``turn_spread`` <= 0.5.
+        calibrated robots, ``turn_spread`` <= 0.5; to ``walls`` every wall measures the heading.
+    orthogonal, axes
+        For ``walls``: whether the building's walls stand at right angles, and the direction of
+        any one of them in the site frame [deg].
     independence
         ``detection``: every detection of a wall is independent evidence (the paper);
         ``excursion``: only those of different excursions are.
+    free_fusion
+        ``minimum``: the strongest denial of a wall counts (the paper); ``dempster``: those of
+        several excursions are combined by Dempster's rule.
+    certainty_power
+        An excursion's necessity N counts as N to this power, >= 1.
+    pass_weight
+        An excursion's denial counts as this share of it, in (0, 1].
     free_along_walls, clip_coobserved
         Whether runs past walls deny walls on their path, and whether they spare what they saw.
     free_along_beams
@@ -38,17 +49,42 @@ class EvidenceSettings:
         Whether a log's own model is believed.
     model
         The error model of a robot of which nothing else is known.
+
+    Raises
+    ------
+    ValueError
+        ``name, value found, what was expected`` for a value outside its range, and for discounts
+        that the other settings give no meaning.
     """
 
     resolution: float = 0.05
     estimator: Estimator = "linear"
+    orthogonal: bool = False
+    axes: float = 0.0
     independence: Independence = "detection"
+    free_fusion: FreeFusion = "minimum"
+    certainty_power: float = 1.0
+    pass_weight: float = 1.0
     free_along_walls: bool = False
     free_along_beams: bool = False
     clip_coobserved: bool = False
     path_width: float = 0.0
     accept_models: bool = True
     model: ErrorModel = field(default_factory=ErrorModel)
+
+    def __post_init__(self) -> None:
+        k, beta = self.certainty_power, self.pass_weight
+        if not k >= 1:  # phrased so that NaN is refused too
+            raise ValueError(f"certainty_power, found {k}, expected a number >= 1")
+        if not 0 < beta <= 1:
+            raise ValueError(f"pass_weight, found {beta}, expected a number above 0, at most 1")
+        for name, value in (("certainty_power", k), ("pass_weight", beta)):
+            if value != 1 and self.independence != "excursion":
+                raise ValueError(
+                    f"{name}, found {value}, expected 1 without independence: excursion"
+                )
+        if beta != 1 and self.free_fusion != "dempster":
+            raise ValueError(f"pass_weight, found {beta}, expected 1 without free_fusion: dempster")
 
     def model_in_force(self, own: OwnModel, robot: Mapping[str, float]) -> ErrorModel:
         """Return the model under which an excursion is fused.

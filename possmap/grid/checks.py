@@ -92,7 +92,7 @@ def _is_when(seq: int, t: float | None) -> bool:
 
 def _fits_pose(
     seq: int, t: float | None, x: float, y: float, heading: float,
-    error_x: float, error_y: float, error_heading: float, _: str,
+    error_x: float, error_y: float, error_heading: float, _: int | None, __: str,
 ) -> bool:  # fmt: skip
     return (
         0 <= seq <= LARGEST_SEQ

@@ -110,6 +110,7 @@ class Claims:
 _JSON_TYPES: dict[str, tuple[type, ...]] = {
     "estimator": (str,), "independence": (str,), "free_along_walls": (bool,),
     "free_along_beams": (bool,), "clip_coobserved": (bool,), "accept_models": (bool,),
+    "orthogonal": (bool,), "free_fusion": (str,),
 }  # fmt: skip
 """Of the settings that are no numbers."""
 

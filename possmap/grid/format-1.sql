@@ -52,7 +52,7 @@ CREATE TABLE record (
     x              REAL, y REAL, heading REAL, x2 REAL, y2 REAL,
     corner         TEXT, followed INTEGER, hit INTEGER,
     peer           TEXT, peer_excursion TEXT, upto INTEGER,
-    error_x        REAL, error_y REAL, error_heading REAL,
+    error_x        REAL, error_y REAL, error_heading REAL, turned INTEGER,
     extra          TEXT,                 -- JSON: x_ keys, or empty
     map_x          REAL, map_y REAL, half_x REAL, half_y REAL,
     map_x2         REAL, map_y2 REAL, half_x2 REAL, half_y2 REAL,

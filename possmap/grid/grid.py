@@ -29,7 +29,18 @@ from possmap.grid.tiles import TileStore
 from possmap.settings.setting_table import SHAPING, Value, parse_setting
 from possmap.settings.settings import assemble, flat_evidence, flat_robots
 
-LATER: Mapping[str, Value] = MappingProxyType({"path_width": 0.0})
+LATER: Mapping[str, Value] = MappingProxyType(
+    {
+        "orthogonal": False,
+        "axes": 0.0,
+        "path_width": 0.0,
+        "free_fusion": "minimum",
+        "certainty_power": 1.0,
+        "pass_weight": 1.0,
+        "wall_noise": 0.045,
+        "wall_tilt": 4.5,
+    }
+)
 """Settings that the first grids did not have, with what they did."""
 
 MOST_CELLS = 10**9

@@ -24,19 +24,24 @@ def columns_of(kind: type[Record]) -> list[tuple[str, str]]:
     return [(f.name, f.name.removesuffix("_deg")) for f in fields(kind)]
 
 
+LATER_PARAMETERS = ("wall_noise", "wall_tilt")
+"""Parameters that the first grids did not have."""
+FIRST_PARAMETERS = tuple(name for name in PARAMETERS if name not in LATER_PARAMETERS)
+_DEFAULT = ErrorModel()
+
 GEOMETRY = (
     "map_x", "map_y", "half_x", "half_y",
     "map_x2", "map_y2", "half_x2", "half_y2", "map_heading",
 )  # fmt: skip
-_FLAGS = frozenset({"followed", "hit"})
-_MAY_BE_ABSENT = frozenset({"t", "upto"})
+_FLAGS = frozenset({"followed", "hit", "turned"})
+_MAY_BE_ABSENT = frozenset({"t", "upto", "turned"})
 _TYPES: dict[str, type] = {
-    "seq": int, "followed": int, "hit": int, "upto": int,
+    "seq": int, "followed": int, "hit": int, "turned": int, "upto": int,
     "corner": str, "peer": str, "peer_excursion": str, "extra": str,
 }  # fmt: skip
 RECORD_COLUMNS = (
     "seq", "t", "x", "y", "x2", "y2", "followed", "hit", "corner", "peer", "peer_excursion", "upto",
-    "heading", "error_x", "error_y", "error_heading", "extra",
+    "heading", "error_x", "error_y", "error_heading", "turned", "extra",
 )  # fmt: skip
 """In an order in which those that a pose or a wall does not have stand side by side."""
 
@@ -50,12 +55,18 @@ def excursion_hash(excursion: PartialMap, model: ErrorModel) -> bytes:
     log gives the same hash from every encoding.
     """
     parts = [_tagged((excursion.robot, excursion.excursion))]
-    parts.append(_tagged(float(getattr(model, name)) for name in PARAMETERS))
+    parts.append(_tagged(float(getattr(model, name)) for name in FIRST_PARAMETERS))
+    for name in LATER_PARAMETERS:
+        # What came later and is as by default leaves every hash as it was.
+        if getattr(model, name) != getattr(_DEFAULT, name):
+            parts.append(_tagged((name, float(getattr(model, name)))))
     for record in excursion.records:
         kind = type(record)
         pack = _PACK.get((kind, record.t is None))
         if pack is not None:
             parts.append(pack(record))
+            if kind is Pose and record.turned is not None:  # type: ignore[union-attr]
+                parts.append(_tagged((record.turned,)))  # type: ignore[union-attr]
         else:
             parts.append(_tagged((KIND_OF[kind], *_CONTENT[kind](record))))
     return hashlib.sha256(b"".join(parts)).digest()
@@ -90,7 +101,7 @@ def _packer(kind: type[Record], is_timeless: bool) -> Callable[[Record], bytes]:
     for name, column in columns_of(kind):
         if name == "t" and is_timeless:
             mark += b"-"
-        elif name != "extra":
+        elif name not in ("extra", "turned"):
             letter, code = (b"i", "q") if _TYPES.get(column) is int else (b"d", "d")
             layout += f"{len(mark + letter)}s{code}"
             marks += [mark + letter, None]
@@ -244,7 +255,10 @@ def _from_row(kind: type[Record]) -> _FromRow:
     pick = itemgetter(*(RECORD_COLUMNS.index(column) for column in columns))
     unused = itemgetter(*_runs([column not in columns for column in RECORD_COLUMNS]))
     nothing = unused((None,) * len(RECORD_COLUMNS))
-    usual, sound = tuple(types[0] for types in may_be), frozenset(product(*may_be))
+    usual = tuple(
+        types[-1 if at == "turned" else 0] for at, types in zip(columns, may_be, strict=True)
+    )
+    sound = frozenset(product(*may_be))
     has_flag = columns[-2] in _FLAGS
     return _FromRow(kind, pick, unused, nothing, columns, usual, sound, FITS[kind], has_flag)
 
@@ -277,7 +291,8 @@ def record_of_row(kind: str, row: Values) -> Record:
     if not fits(*values):
         raise unfit(columns, values)
     if has_flag:
-        return make(*values[:-2], values[-2] != 0, values[-1])
+        flag = values[-2]
+        return make(*values[:-2], flag if flag is None else flag != 0, values[-1])
     return make(*values)
 
 

@@ -88,7 +88,7 @@ class ExcursionBuilder:
 
     def __init__(self) -> None:
         self.records: list[Record] = []
-        self._has_pose = False
+        self._last_pose: Pose | None = None
         self._last_t: float | None = None
 
     def add(self, record: Record) -> None:
@@ -106,11 +106,15 @@ class ExcursionBuilder:
         elif seq <= records[-1].seq:
             last = records[-1].seq
             raise Fault(("seq",), f"found {seq}, expected more than {last}, the one before")
-        if not self._has_pose:
-            if isinstance(record, Pose):
-                self._has_pose = True
-            elif not isinstance(record, Meet):
-                raise Fault(("kind",), "expected a pose before the first wall, corner or beam")
+        last_pose = self._last_pose
+        if isinstance(record, Pose):
+            if record.turned is False and last_pose is not None and _moved(last_pose, record):
+                expected = f"{last_pose.x}, {last_pose.y} of the pose before"
+                where = f"of a pose at {record.x}, {record.y}, expected the place {expected}"
+                raise Fault(("turned",), f"found false {where}")
+            self._last_pose = record
+        elif last_pose is None and not isinstance(record, Meet):
+            raise Fault(("kind",), "expected a pose before the first wall, corner or beam")
         if t is not None:
             if self._last_t is not None and t < self._last_t:
                 raise Fault(("t",), f"found {t}, expected {self._last_t} or later")
@@ -122,3 +126,7 @@ class ExcursionBuilder:
         return PartialMap(
             header.robot, header.excursion, header.model, tuple(self.records), header.extra
         )
+
+
+def _moved(one: Pose, other: Pose) -> bool:
+    return one.x != other.x or one.y != other.y

@@ -68,6 +68,20 @@ def _share(text: str) -> float:
     return value
 
 
+def _power(text: str) -> float:
+    value = _number(text)
+    if value < 1:
+        raise _Wrong("expected a number >= 1")
+    return value
+
+
+def _part(text: str) -> float:
+    value = _number(text)
+    if not 0 < value <= 1:
+        raise _Wrong("expected a number above 0, at most 1")
+    return value
+
+
 def _flag(text: str) -> bool:
     if text not in ("true", "false"):
         raise _Wrong("expected true or false")
@@ -117,11 +131,22 @@ SHAPING: Mapping[str, Setting] = MappingProxyType(
     {
         "resolution": Setting(_resolution, "metres per cell"),
         "estimator": Setting(
-            _one_of("linear", "heading"),
-            "linear: the paper's; heading: needs turn_spread <= 0.5",
+            _one_of("linear", "heading", "walls"),
+            "linear: the paper's; heading: needs turn_spread <= 0.5; walls: needs none",
         ),
+        "orthogonal": Setting(_flag, "the building's walls stand at right angles (walls)"),
+        "axes": Setting(_number, "direction of any one of its walls [deg] (walls)"),
         "independence": Setting(
             _one_of("detection", "excursion"), "what counts as independent: detection or excursion"
+        ),
+        "free_fusion": Setting(
+            _one_of("minimum", "dempster"), "how several excursions deny a wall together"
+        ),
+        "certainty_power": Setting(
+            _power, "an excursion's N counts as N to this power (independence: excursion)"
+        ),
+        "pass_weight": Setting(
+            _part, "share of an excursion's denial that counts (free_fusion: dempster)"
         ),
         "free_along_walls": Setting(_flag, "runs past walls deny walls on their path"),
         "free_along_beams": Setting(_flag, "the paths of range readings deny walls"),
@@ -145,6 +170,12 @@ SHAPING: Mapping[str, Setting] = MappingProxyType(
         "scale": Setting(_parameter("scale"), "true distance over logged distance"),
         "alignment_spread": Setting(
             _parameter("alignment_spread"), "heading half-width after lining up with a wall [deg]"
+        ),
+        "wall_noise": Setting(
+            _parameter("wall_noise"), "half-width of a seen wall's end across it [m] (walls)"
+        ),
+        "wall_tilt": Setting(
+            _parameter("wall_tilt"), "half-width of a wall's deviation from the axes [deg] (walls)"
         ),
         "sensor": Setting(_parameter("sensor"), "half-width of the range sensor's error [m]"),
         "max_error": Setting(

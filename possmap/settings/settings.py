@@ -10,6 +10,7 @@ from typing import Any
 from possmap.core.model import PARAMETERS, ErrorModel
 from possmap.core.records import OwnModel
 from possmap.core.settings import NO_ROBOTS, EvidenceSettings, RobotModels
+from possmap.errors import SettingsError
 from possmap.settings.limits import Limits
 from possmap.settings.setting_table import OF_A_CALL, ROBOT, SHAPING, Value
 
@@ -35,7 +36,13 @@ class Settings:
 
 
 def assemble(given: Mapping[str, Value]) -> Settings:
-    """Build settings of flat values; what is not given has its default."""
+    """Build settings of flat values; what is not given has its default.
+
+    Raises
+    ------
+    SettingsError
+        If they do not go together.
+    """
     robots: dict[str, dict[str, float]] = {}
     for name, value in given.items():
         if name.startswith(ROBOT):
@@ -47,7 +54,11 @@ def assemble(given: Mapping[str, Value]) -> Settings:
         names = [f.name for f in dataclasses.fields(cls)]  # type: ignore[arg-type]
         return {name: flat[name] for name in names if name in flat}
 
-    evidence = EvidenceSettings(**of(EvidenceSettings), model=ErrorModel(**of(ErrorModel)))
+    model = ErrorModel(**of(ErrorModel))
+    try:
+        evidence = EvidenceSettings(**of(EvidenceSettings), model=model)
+    except ValueError as error:
+        raise SettingsError(f"settings: {error}") from None
     return Settings(**of(Settings), evidence=evidence, robots=robots, limits=Limits(**of(Limits)))
 
 

@@ -26,12 +26,13 @@ UNNAMED = "is empty, every row names its robot and excursion"
 OBJECT = "found 5, expected an object"
 NAME_EXPECTED = "expected 1 to 64 characters of A-Z a-z 0-9 . _ : -"
 NEVER_NEGATIVE = (
-    "along", "across", "turn_spread", "turn_noise", "drift_spread", "alignment_spread", "sensor",
+    "along", "across", "turn_spread", "turn_noise", "drift_spread", "alignment_spread",
+    "wall_noise", "wall_tilt", "sensor",
 )  # fmt: skip
 BELOW, ZERO = "found -0.5, expected a number >= 0", "found 0, expected a number > 0"
 PARAMETERS = (
     "along, across, turn_bias, turn_gain, turn_spread, turn_noise, drift, drift_spread, scale, "
-    "alignment_spread, sensor, max_error, factor"
+    "alignment_spread, wall_noise, wall_tilt, sensor, max_error, factor"
 )
 
 
@@ -289,7 +290,7 @@ def test_what_is_not_json_lines_is_refused(lines: list[str], problem: str, tmp_p
 
 COLUMNS = (
     "robot,excursion,seq,kind,t,x,y,heading,x2,y2,corner,followed,hit,peer,peer_excursion,upto,"
-    "error_x,error_y,error_heading"
+    "error_x,error_y,error_heading,turned"
 )
 ONE_OF = "expected one of " + COLUMNS.replace(",", ", ")
 HEAD = "robot,excursion,seq,kind,x,y,heading\n"

@@ -109,7 +109,8 @@ def test_each_value_knows_its_line(tmp_path: Path) -> None:
         ("base_rate: 1", '1: base_rate, found "1", expected a number between 0 and 1'),
         (
             "estimator: haeding",
-            '1: estimator, found "haeding", expected linear or heading, did you mean "heading"?',
+            '1: estimator, found "haeding", expected linear or heading or walls, '
+            'did you mean "heading"?',
         ),
         (
             "independence: excursoin",
@@ -214,15 +215,21 @@ def test_any_text_is_read_or_refused_in_one_line(
 def values(name: str) -> st.SearchStrategy[Any]:
     """Return the values that a setting may have."""
     if name == "estimator":
-        return st.sampled_from(["linear", "heading"])
+        return st.sampled_from(["linear", "heading", "walls"])
+    if name == "free_fusion":
+        return st.sampled_from(["minimum", "dempster"])
     if name == "independence":
         return st.sampled_from(["detection", "excursion"])
-    if name.startswith(("free_", "clip_", "accept_")):
+    if name.startswith(("free_", "clip_", "accept_", "orthogonal")):
         return st.booleans()
     if name == "base_rate":
         return st.floats(0, 1, exclude_min=True, exclude_max=True)
     if name == "transaction_records" or (name.startswith("limit_") and name != "limit_file_mib"):
         return st.integers(1, 10**15 - 1)
+    if name == "certainty_power":
+        return st.floats(1, LARGEST)
+    if name == "pass_weight":
+        return st.floats(0, 1, exclude_min=True)
     if name == "path_width":
         return st.floats(0, WIDEST)
     if name == "resolution":
@@ -241,7 +248,17 @@ ROBOTS = st.dictionaries(
 )
 
 
-@given(flat=st.fixed_dictionaries({name: values(name) for name in KNOWN}), robots=ROBOTS)
+def going_together(flat: dict[str, Any]) -> dict[str, Any]:
+    """Take discounts away where the other settings give them no meaning."""
+    if flat["independence"] != "excursion":
+        flat = {**flat, "certainty_power": 1.0, "pass_weight": 1.0}
+    return flat if flat["free_fusion"] == "dempster" else {**flat, "pass_weight": 1.0}
+
+
+FLAT = st.fixed_dictionaries({name: values(name) for name in KNOWN}).map(going_together)
+
+
+@given(flat=FLAT, robots=ROBOTS)
 @budget(max_examples=60, deadline=None)
 def test_what_config_prints_gives_the_same_settings_back(
     flat: dict[str, Any],
@@ -259,3 +276,28 @@ def test_the_profile_paper_is_the_default_and_names_all_that_shapes_evidence() -
     given_there = read_settings(shipped("paper.yaml"))
     assert list(given_there) == list(SHAPING), "in the same order as possmap config prints them"
     assert assemble({name: value for name, (value, _) in given_there.items()}) == Settings()
+
+
+NO_EXCURSION = "expected 1 without independence: excursion"
+
+
+@pytest.mark.parametrize(
+    ("flat", "problem"),
+    [
+        (
+            {"certainty_power": 1.5},
+            f"certainty_power, found 1.5, {NO_EXCURSION}",
+        ),
+        (
+            {"pass_weight": 0.5},
+            f"pass_weight, found 0.5, {NO_EXCURSION}",
+        ),
+        (
+            {"pass_weight": 0.5, "independence": "excursion"},
+            "pass_weight, found 0.5, expected 1 without free_fusion: dempster",
+        ),
+    ],
+)
+def test_discounts_that_mean_nothing_are_refused(flat: dict[str, Any], problem: str) -> None:
+    with pytest.raises(SettingsError, match=f"^settings: {problem}$"):
+        assemble(flat)
