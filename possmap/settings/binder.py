@@ -33,6 +33,15 @@ _LISTED = 200
 """So many characters of known keys does a message hold."""
 
 
+def _of_a_file(text: str) -> str:
+    if not text or "\0" in text:
+        raise ValueError("expected the path of a file")
+    return text
+
+
+FileName: TypeAlias = Annotated[str, _of_a_file]
+
+
 @dataclasses.dataclass(frozen=True, slots=True)
 class Kind:
     """What a type says of its values.
@@ -184,10 +193,10 @@ def _record(node: yaml.Node, cls: Any, key: str, ignore: bool) -> Any:
     try:
         return cls(**values)
     except ValueError as error:
-        name, comma, rest = str(error).partition(",")
-        if comma and name in kinds:
+        name = re.split(r"\W", str(error), maxsplit=1)[0]
+        if name in kinds:
             at = place(nodes.get(name, node))
-            raise SettingsError(f"{at}: {_path(key, name)},{rest}") from None
+            raise SettingsError(f"{at}: {_path(key, str(error))}") from None
         raise SettingsError(f"{place(node)}: {f'{key}, ' * bool(key)}{error}") from None
 
 
@@ -207,7 +216,7 @@ def _list(node: yaml.Node, kind: Kind, key: str, _: bool) -> tuple[Any, ...]:
         return ()
     if isinstance(node, yaml.SequenceNode):
         return tuple(_bound(one, each, f"{key}[{n}]") for n, one in enumerate(node.value))
-    if each.of is str and isinstance(node, yaml.ScalarNode):
+    if isinstance(node, yaml.ScalarNode) and (each.of is str or get_origin(each.of) is Literal):
         return (_bound(node, each, key),)
     raise refusal(node, key, "expected a list")
 

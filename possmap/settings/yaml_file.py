@@ -169,7 +169,8 @@ def kind(node: yaml.Node) -> str:
 def place(node: yaml.Node) -> str:
     """Return where a node stands, ``file:line``; an option of the command line has no lines."""
     name = node.start_mark.name
-    return name if name.startswith("--") else f"{name}:{node.start_mark.line + 1}"
+    option = name.startswith("--")
+    return name.partition(" ")[0] if option else f"{name}:{node.start_mark.line + 1}"
 
 
 def refusal(node: yaml.Node, key: str, expected: str) -> SettingsError:

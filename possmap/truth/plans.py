@@ -8,23 +8,15 @@ import warnings
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
+from possmap.bounds import Bounds, Number, Probability
 from possmap.errors import SettingsError, printable
-from possmap.lab.simulate.world import Segments
-from possmap.settings.yaml_nodes import (
-    file_path,
-    members,
-    number,
-    numbers,
-    read_yaml,
-    refusal,
-    scalar_text,
-)
+from possmap.settings.binder import FileName, bind_file
 
 LARGEST_PIXELS = 25_000_000
 MOST_WALLS = 1_000_000
@@ -34,9 +26,12 @@ FINEST = 0.001
 FINE = f"expected metres per pixel, {FINEST} or more"
 FORMATS = ("PNG", "PPM", "BMP")  # PPM: PGM and PBM too
 FREE_THRESH = 0.196
-"""Darkness from which a pixel of a bare image is not free: ROS draws the unknown just so."""
+"""Darkness up to which a pixel of a bare image is free: ROS draws the unknown just beyond."""
+_LEVEL = 1e-9  # [rad]; programs write a yaw of 1e-17
 
 FreeCells = NDArray[np.bool_]
+Segments = NDArray[np.float64]
+"""Walls as x, y, x2, y2 [m], shape (n, 4); each is parallel to an axis."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,15 +92,14 @@ class Plan:
 class _Shading:
     """What makes a pixel free.
 
-    free_thresh : darkness, 0 to 1, from which it is not.
+    free_thresh : darkness, 0 to 1, up to which it is.
     negate : black is free.
-    alpha : how transparency counts. paper: what is transparent is white; scale: what is not opaque
-        is unknown; trinary: opacity is averaged in as a fourth colour, a habit of map_server.
+    on_paper : what is transparent is white; else what is not opaque is unknown.
     """
 
     free_thresh: float = FREE_THRESH
     negate: bool = False
-    alpha: str = "paper"
+    on_paper: bool = True
 
 
 def _count_runs(borders: FreeCells) -> int:
@@ -138,6 +132,40 @@ def read_image(path: Path, resolution: float, origin: tuple[float, float] = (0.0
     return Plan(_free(path, _Shading()), resolution, origin, printable(str(path)))
 
 
+class _Origin(NamedTuple):
+    x: Number
+    y: Number
+    yaw: Number
+
+
+def _level(origin: _Origin) -> _Origin:
+    if abs(origin.yaw) > _LEVEL:
+        raise ValueError("expected a yaw of 0, walls along x or y")
+    return origin
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _RosMap:
+    """The keys of a map.yaml; map_server ignores those that it does not know."""
+
+    image: FileName
+    resolution: Annotated[float, Bounds(least=FINEST)]
+    origin: Annotated[_Origin, _level]
+    negate: Literal["0", "1", "true", "false"]
+    occupied_thresh: Probability
+    free_thresh: Probability
+    mode: Annotated[str, str.lower] = "trinary"
+
+    def __post_init__(self) -> None:
+        if not self.free_thresh < self.occupied_thresh:
+            raise ValueError(
+                f"free_thresh, found {self.free_thresh:g}, expected less than occupied_thresh, "
+                f"{self.occupied_thresh:g}"
+            )
+        if self.mode not in ("trinary", "scale"):
+            raise ValueError(f"mode, found {printable(self.mode)}, expected trinary or scale")
+
+
 def read_ros_map(path: Path) -> Plan:
     """Read a ROS ``map.yaml`` and its image, as nav2's map_server does; unknown is not free.
 
@@ -146,46 +174,17 @@ def read_ros_map(path: Path) -> Plan:
     SettingsError
         ``file:line: key, value found, what was expected``.
     """
-    name = printable(str(path))
-    root = read_yaml(path, "a ROS map")
-    if root is None:
-        raise SettingsError(f"{name}: is empty, expected a ROS map")
-    given: dict[str, tuple[yaml.Node, int]] = {}
-    for key, node, line in members(root, name, "expected the keys of a ROS map"):
-        given[key] = node, line  # map_server ignores keys that it does not know
-    for key in ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh"):
-        if key not in given:
-            raise SettingsError(f"{name}: {key} is missing, expected in every ROS map")
-
-    def value(key: str) -> float:
-        return number(given[key][0], name, key)
-
-    def text(key: str) -> str:
-        node, line = given[key]
-        return scalar_text(node, f"{name}:{line}", key)
-
-    if value("resolution") < FINEST:
-        raise refusal(given["resolution"][0], name, "resolution", FINE)
-    x, y, yaw = numbers(given["origin"][0], name, "origin", "expected [x, y, yaw]", 3)
-    if yaw != 0:
-        raise refusal(given["origin"][0], name, "origin", "expected a yaw of 0, walls along x or y")
-    if text("negate") not in ("0", "1", "true", "false"):
-        raise refusal(given["negate"][0], name, "negate", "expected 0 or 1")
-    if not 0 <= value("free_thresh") < value("occupied_thresh") <= 1:
-        raise refusal(
-            given["free_thresh"][0], name, "free_thresh", "expected 0 to occupied_thresh, up to 1"
-        )
-    mode = text("mode") if "mode" in given else "trinary"
-    if mode not in ("trinary", "scale"):
-        raise refusal(given["mode"][0], name, "mode", "expected trinary or scale")
-    shading = _Shading(value("free_thresh"), negate=text("negate") in ("1", "true"), alpha=mode)
-    image = file_path(given["image"][0], name, "image", path.parent)
-    return Plan(_free(image, shading), value("resolution"), (x, y), printable(str(image)))
+    given = bind_file(path, _RosMap, "a ROS map", ignore=True)
+    shading = _Shading(given.free_thresh, given.negate in ("1", "true"), on_paper=False)
+    image, (x, y, _) = path.parent / given.image, given.origin
+    return Plan(_free(image, shading), given.resolution, (x, y), printable(str(image)))
 
 
 def _free(path: Path, shading: _Shading) -> FreeCells:
     """Return which pixels are free, the lowest row of the image first."""
     name = printable(str(path))
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise SettingsError(f"{name}: is no regular file, expected an image")
     try:
         with warnings.catch_warnings():
             # Pillow's own limits lie higher than ours, or lower if somebody set them so.
@@ -197,7 +196,7 @@ def _free(path: Path, shading: _Shading) -> FreeCells:
                         f"{name}: found {width} x {height} pixels, expected at most "
                         f"{LARGEST_PIXELS // 10**6} million"
                     )
-                return _classified(image, shading)[::-1]
+                free = _classified(image, shading)[::-1]
     except Image.DecompressionBombError:
         raise SettingsError(
             f"{name}: too many pixels, expected at most {LARGEST_PIXELS // 10**6} million"
@@ -210,6 +209,11 @@ def _free(path: Path, shading: _Shading) -> FreeCells:
     except (ValueError, SyntaxError, EOFError, OverflowError, struct.error, zlib.error) as error:
         problem = printable(" ".join(str(error).split()))
         raise SettingsError(f"{name}: a damaged image: {problem}") from None
+    if not free.any():
+        raise SettingsError(
+            f"{name}: nothing in the image is free, expected some floor, light and opaque"
+        )
+    return free
 
 
 def _classified(image: Image.Image, shading: _Shading) -> FreeCells:
@@ -219,14 +223,13 @@ def _classified(image: Image.Image, shading: _Shading) -> FreeCells:
         image = Image.fromarray(np.clip(deep, 0, 255).astype(np.uint8))
     clear = image.has_transparency_data
     pixels = np.asarray(image.convert("RGBA" if clear else "RGB"))
-    averaged = pixels.shape[2] if shading.alpha == "trinary" else 3
-    light = pixels[:, :, :averaged].sum(axis=2, dtype=np.uint16)
-    if clear and shading.alpha == "paper":
+    light = pixels[:, :, :3].sum(axis=2, dtype=np.uint16)
+    if clear and shading.on_paper:
         opaque = pixels[:, :, 3].astype(np.uint32)
         light = ((light * opaque + 3 * 255 * (255 - opaque)) // 255).astype(np.uint16)
-    levels = np.arange(averaged * 255 + 1) / (averaged * 255)
+    levels = np.arange(3 * 255 + 1) / (3 * 255)
     darkness = levels if shading.negate else 1 - levels
-    free: FreeCells = (darkness < shading.free_thresh)[light]
-    if clear and shading.alpha == "scale":
+    free: FreeCells = (darkness <= shading.free_thresh)[light]
+    if clear and not shading.on_paper:
         free &= pixels[:, :, 3] == 255
     return free

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from possmap.cli.main import main
 from possmap.lab.simulate.mission_file import read_mission
 from possmap.lab.simulate.settings import MissionSettings
-from possmap.lab.simulate.worlds import KEYS
+from possmap.lab.simulate.worlds import WorldFile
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/simulate.md").read_text(encoding="utf-8")
@@ -53,7 +53,7 @@ def test_the_page_names_every_setting_with_its_default() -> None:
 
 def test_the_page_names_every_key_of_a_world() -> None:
     worlds = PAGE.partition("## Worlds")[2].partition("##")[0]
-    assert set(KEYS) <= set(re.findall(r"`(\w+)`", worlds))
+    assert {field.name for field in fields(WorldFile)} <= set(re.findall(r"`(\w+)`", worlds))
 
 
 def test_the_page_names_every_shipped_mission() -> None:

@@ -153,11 +153,10 @@ GREYS = np.array([[0, 80, 130, 200, 205, 254, 255]], dtype=np.uint8)
     [
         ({}, "...FFFF"),
         ({"free_thresh": "0.196"}, ".....FF"),
-        ({"free_thresh": "0.1"}, ".....FF"),
         ({"free_thresh": "0.5"}, "..FFFFF"),
         ({"negate": "1"}, "F......"),
         ({"negate": "true", "free_thresh": "0.4"}, "FF....."),
-        ({"mode": "scale"}, "...FFFF"),
+        ({"free_thresh": "0"}, "......F"),
     ],
 )
 def test_thresholds_are_those_of_map_server(
@@ -167,18 +166,24 @@ def test_thresholds_are_those_of_map_server(
     assert plan.free.tolist() == [[mark == "F" for mark in free]]
 
 
-def test_map_server_averages_opacity_in_unless_the_mode_is_scale(tmp_path: Path) -> None:
+@pytest.mark.parametrize("mode", ["trinary", "Scale"])
+def test_of_a_map_only_what_is_opaque_is_known(tmp_path: Path, mode: str) -> None:
     image = np.array(
-        [[[180, 180, 180, 255], [180, 180, 180, 0], [255, 255, 255, 254]]], dtype=np.uint8
+        [[[255, 255, 255, 255], [255, 255, 255, 0], [255, 255, 255, 254]]], dtype=np.uint8
     )
-    trinary = read_ros_map(ros_map(tmp_path, image, {}))
-    assert trinary.free.tolist() == [[True, False, True]]  # (3 * 180 + 255) / 4 = 0.78 of white
-    scale = read_ros_map(ros_map(tmp_path, image, {"mode": "scale"}))
-    assert scale.free.tolist() == [[False, False, False]]
+    plan = read_ros_map(ros_map(tmp_path, image, {"mode": mode}))
+    assert plan.free.tolist() == [[True, False, False]]
+    image[..., 3] = 128
+    found = refusal(ros_map(tmp_path, image, {"mode": mode}))
+    assert "nothing in the image is free, expected some floor, light and opaque" in found
 
 
 def test_a_map_has_its_own_place_and_its_image_beside_it(tmp_path: Path) -> None:
-    changes = {"resolution": "0.050000", "origin": "[-12.20, 1e-1, 0]", "robots_own_key": "kept"}
+    changes = {
+        "resolution": "0.050000",
+        "origin": "[-12.20, 1e-1, 1e-17]",
+        "robots_own_key": "kept",
+    }
     plan = read_ros_map(ros_map(tmp_path, pixels(DRAWN), changes))
     assert plan.resolution == 0.05 and plan.origin == (-12.2, 0.1)
     assert (-12.15, 0.15, -11.9, 0.15) in outline(plan)
@@ -187,19 +192,14 @@ def test_a_map_has_its_own_place_and_its_image_beside_it(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [
-        ({"resolution": None}, "map.yaml: resolution is missing, expected in every ROS map"),
-        ({"free_thresh": None}, "map.yaml: free_thresh is missing, expected in every ROS map"),
-        ({"resolution": "-0.05"}, 'map.yaml:2: resolution, found "-0.05", expected metres per'),
-        ({"resolution": "nan"}, 'map.yaml:2: resolution, found "nan", expected a number'),
+        ({"resolution": None}, "map.yaml:1: resolution is missing"),
+        ({"resolution": "-0.05"}, 'map.yaml:2: resolution, found "-0.05", expected a number >= '),
         ({"origin": "[0, 0]"}, "map.yaml:3: origin, found [0, 0], expected [x, y, yaw]"),
         ({"origin": "[0, 0, 0.3]"}, "map.yaml:3: origin, found [0, 0, 0.3], expected a yaw of 0"),
-        ({"negate": "2"}, 'map.yaml:4: negate, found "2", expected 0 or 1'),
-        ({"free_thresh": "0.7"}, 'map.yaml:6: free_thresh, found "0.7", expected 0 to occ'),
-        ({"occupied_thresh": "65"}, 'map.yaml:6: free_thresh, found "0.25", expected 0 to occ'),
-        ({"mode": "raw"}, 'map.yaml:7: mode, found "raw", expected trinary or scale'),
-        ({"image": "[a, b]"}, "map.yaml:1: image, found a list, expected one value"),
+        ({"negate": "2"}, 'map.yaml:4: negate, found "2", expected 0, 1'),
+        ({"free_thresh": "0.7"}, "map.yaml:6: free_thresh, found 0.7, expected less than occ"),
+        ({"mode": "raw"}, "map.yaml:7: mode, found raw, expected trinary or scale"),
         ({"image": "gone.pgm"}, "gone.pgm: cannot be read: No such file or directory"),
-        ({"image": "'\0'"}, "map.yaml: not YAML: "),
         ({"image": '"\\0"'}, "map.yaml:1: image, found "),
     ],
 )
@@ -248,7 +248,7 @@ def test_a_damaged_image_is_refused_in_one_line(tmp_path: Path, data: bytes, pro
     assert problem in refusal(path)
 
 
-@budget(max_examples=200, deadline=None)
+@budget(max_examples=60, deadline=None)
 @given(st.integers(0, 200), st.integers(0, 255))
 def test_one_wrong_byte_never_ends_in_a_traceback(
     tmp_path_factory: pytest.TempPathFactory, at: int, byte: int

@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from possmap.lab.simulate.world import Segments
+from possmap.truth.plans import Segments
 
 Rectangle: TypeAlias = tuple[float, float, float, float]
 """x0, y0, x1, y1 [m], x0 < x1 and y0 < y1."""

@@ -10,7 +10,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from possmap.lab.simulate.floor_plan import Rectangle, Wall, sides, united
-from possmap.lab.simulate.world import Segments
+from possmap.truth.plans import Segments
 
 SMALLEST, LARGEST = 5.0, 200.0
 """Bounds of either side of a building [m]."""

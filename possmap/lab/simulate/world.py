@@ -9,9 +9,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from possmap.truth.plans import Segments
+
 Floats = NDArray[np.float64]
-Segments = Floats
-"""Walls as x, y, x2, y2 [m], shape (n, 4); each is parallel to an axis."""
 
 
 _TOUCH = 0.01

@@ -5,27 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
+from typing import Annotated, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import yaml
 
-from possmap.errors import SettingsError, did_you_mean, printable, shown
+from possmap.bounds import LARGEST_COUNT, Bounds, Number
+from possmap.errors import SettingsError, printable
 from possmap.lab.simulate.floor_plan import Rectangle, Wall, sides, united
 from possmap.lab.simulate.generate import LARGEST, SMALLEST, office
-from possmap.lab.simulate.world import Segments
-from possmap.lab.simulate.world_parts import Entries, read_rectangles, read_rooms, read_walls
-from possmap.settings.yaml_nodes import (
-    file_path,
-    members,
-    number,
-    numbers,
-    place,
-    read_yaml,
-    refusal,
-    scalar_text,
-)
-from possmap.truth.plans import FINE, FINEST, Plan, read_image, read_ros_map
+from possmap.settings.binder import FileName, bind
+from possmap.settings.yaml_file import members, place, read_yaml, refusal
+from possmap.truth.plans import FINEST, Plan, Segments, read_image, read_ros_map
 
 LARGEST_WALLS = 50_000
 FARTHEST = 1e6  # [m], what a log can hold
@@ -36,13 +27,126 @@ BASES: Mapping[str, tuple[str, ...]] = {
     "generate": ("size", "seed"),
 }
 """Where a world can be taken from, and what else that asks for."""
-OWN = ("walls", "rooms", "obstacles", "drops", "home")
-"""What a world says itself, or adds to the one that it takes."""
-KEYS = (*OWN, *BASES, *(key for more in BASES.values() for key in more))
-OVERRIDABLE = ("home", "resolution", "origin", "size", "seed")
-
 
 _Inside: TypeAlias = Callable[[float, float], bool]
+
+
+class Line(NamedTuple):
+    """A wall [m]."""
+
+    x: Number
+    y: Number
+    x2: Number
+    y2: Number
+
+
+class Box(NamedTuple):
+    """A rectangle [m]."""
+
+    x0: Number
+    y0: Number
+    x1: Number
+    y1: Number
+
+
+class Door(NamedTuple):
+    """An opening in a side of a room; from and to are x on south and north, else y [m]."""
+
+    side: Literal["south", "north", "west", "east"]
+    begin: Number
+    end: Number
+
+
+class Point(NamedTuple):
+    """A place [m]."""
+
+    x: Number
+    y: Number
+
+
+class Size(NamedTuple):
+    """Outer sides of a building [m]."""
+
+    x: Annotated[float, Bounds(SMALLEST, LARGEST)]
+    y: Annotated[float, Bounds(SMALLEST, LARGEST)]
+
+
+def _straight(line: Line) -> Line:
+    x, y, x2, y2 = line
+    if x != x2 and y != y2:
+        raise ValueError("expected a wall along x or y: y = y2 or x = x2")
+    if (x, y) == (x2, y2):
+        raise ValueError("expected a wall with a length")
+    return Line(min(x, x2), min(y, y2), max(x, x2), max(y, y2))
+
+
+def _box(box: Box) -> Box:
+    if not (box.x0 < box.x1 and box.y0 < box.y1):
+        raise ValueError("expected [x0, y0, x1, y1] with x0 < x1 and y0 < y1")
+    return box
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Room:
+    """Four walls, and doors in them."""
+
+    at: Annotated[Box, _box, "[x0, y0, x1, y1]"]
+    doors: tuple[Door, ...] = ()
+
+    def __post_init__(self) -> None:
+        for door in self.doors:
+            _, low, high = self._side(door)
+            if not low <= door.begin < door.end <= high:
+                found = f"[{door.side}, {door.begin:g}, {door.end:g}]"
+                raise ValueError(
+                    f"doors, found {found}, expected from < to within {low:g} to {high:g}"
+                )
+
+    def _side(self, door: Door) -> tuple[Wall, float, float]:
+        names = ("south", "north", "west", "east")
+        x, y, x2, y2 = dict(zip(names, sides(self.at), strict=True))[door.side]
+        return (x, y, x2, y2), *((x, x2) if y == y2 else (y, y2))
+
+    def openings(self) -> list[Wall]:
+        """Return its doors as pieces of walls [m]."""
+        found: list[Wall] = []
+        for door in self.doors:
+            (x, y, _, y2), _, _ = self._side(door)
+            level = y == y2
+            found.append((door.begin, y, door.end, y) if level else (x, door.begin, x, door.end))
+        return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WorldFile:
+    """The keys of a world: what it draws itself, and the one that it takes and adds to."""
+
+    walls: tuple[Annotated[Line, _straight], ...] = ()
+    rooms: tuple[Room, ...] = ()
+    obstacles: tuple[Annotated[Box, _box], ...] = ()
+    drops: tuple[Annotated[Box, _box], ...] = ()
+    home: Point | None = None
+    file: FileName | None = None
+    image: FileName | None = None
+    map: FileName | None = None
+    generate: Literal["office"] | None = None
+    resolution: Annotated[float, Bounds(least=FINEST)] | None = None
+    origin: Point | None = None
+    size: Size | None = None
+    seed: Annotated[int, Bounds(0, LARGEST_COUNT)] | None = None
+
+    def __post_init__(self) -> None:
+        bases = [base for base in BASES if getattr(self, base) is not None]
+        if len(bases) > 1:
+            raise ValueError(f"found {' and '.join(bases)}, expected one of them")
+        for base, more in BASES.items():
+            for key in more:
+                if getattr(self, key) is not None and base not in bases:
+                    raise ValueError(f"{key}, which only a world with {base}: has")
+        if self.image is not None and self.resolution is None:
+            raise ValueError("resolution is missing, expected the side of a pixel of the image [m]")
+        if self.generate is not None and self.size is None:
+            raise ValueError("size is missing, expected [x, y] in metres")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,78 +165,56 @@ class Draft:
     solid: _Inside
 
 
-def read_world(node: yaml.Node, name: str, folder: Path, overrides: Entries) -> Draft:
+def read_world(node: yaml.Node, folder: Path) -> Draft:
     """Read the mapping of a world.
 
     Parameters
     ----------
-    name, folder
-        Of the file that it stands in; paths in it are relative to the folder.
-    overrides
-        Values of ``world.KEY`` that win.
+    folder
+        What paths in it are relative to.
 
     Raises
     ------
     SettingsError
         ``file:line: key, value found, what was expected``.
     """
-    at = place(node, name)
-    entries: Entries = {}
-    for key, value, line in members(node, name, "expected the keys of a world"):
-        if key not in KEYS:
-            guess = did_you_mean(key, KEYS) or f", expected one of {', '.join(KEYS)}"
-            raise SettingsError(f"{name}:{line}: unknown key {shown(key)} of a world{guess}")
-        entries[key] = value, name
-    entries.update(overrides)
-    bases = [key for key in BASES if key in entries]
-    if len(bases) > 1:
-        raise SettingsError(f"{at}: world, found {' and '.join(bases)}, expected one of them")
-    for base, more in BASES.items():
-        for key in more:
-            if key in entries and base not in entries:
-                raise SettingsError(
-                    f"{place(*entries[key])}: world.{key}, which only a world with {base}: has"
-                )
-    draft = _BASE[bases[0]](entries, folder) if bases else _NOTHING
-    draft = _with_own(draft, entries)
+    nodes = {key: value for key, value, _ in members(node, "expected the keys of a world")}
+    world = bind(node, WorldFile, "world")
+    base = _base(world, folder, place(node))
+    if world.home is not None:
+        base = Draft(base.walls, base.drops, world.home, place(nodes["home"]), base.solid)
+    draft = _with_own(base, world, nodes.get("rooms", node))
     if not len(draft.walls):
-        raise SettingsError(f"{at}: world, found no walls, expected some")
+        raise SettingsError(f"{place(node)}: world, found no walls, expected some")
     if len(draft.walls) > LARGEST_WALLS:
-        raise SettingsError(
-            f"{at}: world, found {len(draft.walls)} walls, expected at most {LARGEST_WALLS}"
-        )
+        found = f"found {len(draft.walls)} walls, expected at most {LARGEST_WALLS}"
+        raise SettingsError(f"{place(node)}: world, {found}")
     if np.abs(draft.walls).max() > FARTHEST:
-        raise SettingsError(f"{at}: world, found walls beyond 1e6 m, expected them within ±1e6 m")
+        found = "found walls beyond 1e6 m, expected them within ±1e6 m"
+        raise SettingsError(f"{place(node)}: world, {found}")
     return draft
 
 
-def _with_own(base: Draft, entries: Entries) -> Draft:
-    """Return a world with what its own keys add: walls, rooms, obstacles, drops, home."""
-    walls = read_walls(entries)
+def _with_own(base: Draft, world: WorldFile, rooms: yaml.Node) -> Draft:
+    """Return a world with what its own keys add: walls, rooms, obstacles and drops."""
+    walls: list[Wall] = [*world.walls]
+    things = world.obstacles
     doors: list[Wall] = []
-    for room, of_room in read_rooms(entries):
-        walls += sides(room)
-        doors += of_room
+    for room in world.rooms:
+        walls += sides(room.at)
+        doors += room.openings()
         if len(doors) > LARGEST_WALLS:  # a few lines of YAML can repeat one list without end
-            raise refusal(
-                *entries["rooms"], "world.rooms", f"expected {LARGEST_WALLS} doors at most"
-            )
-    things, drops = read_rectangles(entries, "obstacles"), read_rectangles(entries, "drops")
-    home, home_at = base.home, base.home_at
-    if "home" in entries:
-        x, y = numbers(*entries["home"], "world.home", "expected [x, y]", 2)
-        home, home_at = (x, y), place(*entries["home"])
+            raise refusal(rooms, "world.rooms", f"expected {LARGEST_WALLS} doors at most")
+    everything = base.walls
     if walls or things:
         # Doors open walls, not the furniture that somebody put there.
         own = [*united(walls, doors).tolist(), *(side for thing in things for side in sides(thing))]
         everything = united([*base.walls.tolist(), *own])
-    else:
-        everything = base.walls
     return Draft(
         everything,
-        np.concatenate([base.drops, np.array(drops, dtype=np.float64).reshape(-1, 4)]),
-        home,
-        home_at,
+        np.concatenate([base.drops, np.array(world.drops, dtype=np.float64).reshape(-1, 4)]),
+        base.home,
+        base.home_at,
         lambda x, y: base.solid(x, y) or _in_any(things)(x, y),
     )
 
@@ -142,79 +224,38 @@ def _in_any(rectangles: Sequence[Rectangle]) -> _Inside:
 
 
 _NO_BOXES = np.empty((0, 4))
-_NOTHING = Draft(_NO_BOXES, _NO_BOXES, None, "", _in_any(()))
+
+
+def _base(world: WorldFile, folder: Path, at: str) -> Draft:
+    """Return the world that another one takes and adds to."""
+    if world.file is not None:
+        return _shared(folder / world.file)
+    if world.image is not None and world.resolution is not None:
+        origin = world.origin or (0.0, 0.0)
+        return _of_plan(read_image(folder / world.image, world.resolution, origin))
+    if world.map is not None:
+        return _of_plan(read_ros_map(folder / world.map))
+    if world.size is not None:
+        rng = np.random.default_rng(1 if world.seed is None else world.seed)
+        building = office(*world.size, rng)
+        solid = _in_any(building.obstacles)
+        return Draft(building.walls, _NO_BOXES, building.home, at, solid)
+    return Draft(_NO_BOXES, _NO_BOXES, None, "", _in_any(()))
 
 
 def _of_plan(plan: Plan) -> Draft:
     return Draft(plan.walls(), _NO_BOXES, None, "", lambda x, y: not plan.is_free(x, y))
 
 
-def _path(entries: Entries, key: str, folder: Path) -> Path:
-    return file_path(*entries[key], f"world.{key}", folder)
-
-
-def _from_file(entries: Entries, folder: Path) -> Draft:
-    path = _path(entries, "file", folder)
+def _shared(path: Path) -> Draft:
     name = printable(str(path))
     root = read_yaml(path, "a world")
     if root is None:
         raise SettingsError(f"{name}: is empty, expected a world")
-    for key, _, line in members(root, name, "expected the keys of a world"):
+    for key, _, at in members(root, "expected the keys of a world"):
         if key == "file":
-            raise SettingsError(f"{name}:{line}: file, which a shared world cannot have again")
+            raise SettingsError(f"{place(at)}: file, which a shared world cannot have again")
         if key == "world":
-            raise SettingsError(
-                f"{name}:{line}: world, found a mission, expected what stands under world:"
-            )
-    return read_world(root, name, path.parent, {})
-
-
-def _from_image(entries: Entries, folder: Path) -> Draft:
-    node, name = entries["image"]
-    if "resolution" not in entries:
-        raise SettingsError(
-            f"{place(node, name)}: world.resolution is missing, expected the side of a pixel "
-            f"of world.image [m]"
-        )
-    size = entries["resolution"]
-    resolution = number(*size, "world.resolution")
-    if resolution < FINEST:
-        raise refusal(*size, "world.resolution", FINE)
-    origin = [0.0, 0.0]
-    if "origin" in entries:
-        origin = numbers(*entries["origin"], "world.origin", "expected [x, y]", 2)
-    return _of_plan(read_image(_path(entries, "image", folder), resolution, (origin[0], origin[1])))
-
-
-def _from_map(entries: Entries, folder: Path) -> Draft:
-    return _of_plan(read_ros_map(_path(entries, "map", folder)))
-
-
-def _generated(entries: Entries, folder: Path) -> Draft:
-    node, name = entries["generate"]
-    if scalar_text(node, place(node, name), "world.generate") != "office":
-        raise refusal(node, name, "world.generate", "expected office")
-    if "size" not in entries:
-        raise SettingsError(
-            f"{place(node, name)}: world.size is missing, expected [x, y] in metres"
-        )
-    expected = f"expected [x, y], each {SMALLEST:g} to {LARGEST:g} m"
-    x, y = numbers(*entries["size"], "world.size", expected, 2)
-    if not (SMALLEST <= x <= LARGEST and SMALLEST <= y <= LARGEST):
-        raise refusal(*entries["size"], "world.size", expected)
-    seed = 1.0
-    if "seed" in entries:
-        seed = number(*entries["seed"], "world.seed")
-        if seed < 0 or seed != int(seed):
-            raise refusal(*entries["seed"], "world.seed", "expected a whole number >= 0")
-    building = office(x, y, np.random.default_rng(int(seed)))
-    home_at = place(node, name)
-    return Draft(building.walls, _NO_BOXES, building.home, home_at, _in_any(building.obstacles))
-
-
-_BASE: Mapping[str, Callable[[Entries, Path], Draft]] = {
-    "file": _from_file,
-    "image": _from_image,
-    "map": _from_map,
-    "generate": _generated,
-}
+            found = "found a mission, expected what stands under world:"
+            raise SettingsError(f"{place(at)}: world, {found}")
+    return read_world(root, path.parent)
