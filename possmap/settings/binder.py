@@ -2,7 +2,7 @@
 
 A type says all: ``float``, ``int``, ``bool``, ``str``, a ``Literal`` of words, ``X | None``,
 ``tuple[X, ...]``, ``Mapping[str, X]``, a dataclass ({key: value}), a NamedTuple ([x, y]).
-``Annotated`` adds Bounds, a function that takes the value and returns what it stands for (its
+``Annotated`` adds a Range, a function that takes the value and returns what it stands for (its
 ValueError says what was expected), or a string: the meaning, for people.
 """
 
@@ -19,7 +19,7 @@ from typing import get_type_hints as hints_of
 
 import yaml
 
-from possmap.bounds import LARGEST_COUNT, Bounds
+from possmap.core.ranges import WHOLE, WITHIN, Range
 from possmap.errors import SettingsError, did_you_mean, printable, shown
 from possmap.settings.yaml_file import is_null, members, place, read_yaml, refusal
 
@@ -28,7 +28,6 @@ Value: TypeAlias = bool | int | float | str
 
 _NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _WHOLE = re.compile(r"[+-]?[0-9]{1,15}")
-_ANY = {float: Bounds(), int: Bounds(-LARGEST_COUNT, LARGEST_COUNT)}
 _LISTED = 200
 """So many characters of known keys does a message hold."""
 
@@ -47,13 +46,13 @@ class Kind:
     """What a type says of its values.
 
     of : the type without its notes.
-    bounds : of a number.
+    range : of a number.
     becomes : functions that a value goes through.
     meaning : for people, with its unit in brackets.
     """
 
     of: Any
-    bounds: Bounds
+    range: Range
     becomes: tuple[Callable[[Any], Any], ...]
     meaning: str
 
@@ -64,10 +63,10 @@ def kind_of(hint: Any, /) -> Kind:
     if get_origin(hint) in (Union, UnionType):
         (hint,) = (one for one in get_args(hint) if one is not NoneType)
     of, *notes = get_args(hint) if get_origin(hint) is Annotated else (hint,)
-    within = [note for note in notes if isinstance(note, Bounds)]
+    within = [note for note in notes if isinstance(note, Range)]
     return Kind(
         of,
-        within[-1] if within else _ANY.get(of, Bounds()),
+        within[-1] if within else WHOLE if of is int else WITHIN,
         tuple(note for note in notes if callable(note)),
         " ".join(note for note in notes if isinstance(note, str)),
     )
@@ -100,12 +99,11 @@ def parse(text: str, kind: Kind) -> Value:
         return text == "true"
     if kind.of is str:
         return text
-    form, what = (_WHOLE, "a whole number") if kind.of is int else (_NUMBER, "a number")
-    if not form.fullmatch(text):
-        raise ValueError(kind.bounds.expected(what))
-    value: float = kind.of(text) + kind.of(0)  # -0 is 0
-    if fault := kind.bounds.fault(value):
-        raise ValueError(fault.replace("a number", what))
+    if not (_WHOLE if kind.of is int else _NUMBER).fullmatch(text):
+        raise ValueError(f"expected {kind.range.expected}")
+    value: int | float = kind.of(text) + kind.of(0)  # -0 is 0
+    if value not in kind.range:
+        raise ValueError(f"expected {kind.range.expected_for(value)}")
     return value
 
 

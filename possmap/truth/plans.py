@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
-from possmap.bounds import Bounds, Number, Probability
+from possmap.core.ranges import Number, Share, at_least
 from possmap.errors import SettingsError, printable
 from possmap.settings.binder import FileName, bind_file
 
@@ -149,11 +149,11 @@ class _RosMap:
     """The keys of a map.yaml; map_server ignores those that it does not know."""
 
     image: FileName
-    resolution: Annotated[float, Bounds(least=FINEST)]
+    resolution: Annotated[float, at_least(FINEST)]
     origin: Annotated[_Origin, _level]
     negate: Literal["0", "1", "true", "false"]
-    occupied_thresh: Probability
-    free_thresh: Probability
+    occupied_thresh: Share
+    free_thresh: Share
     mode: Annotated[str, str.lower] = "trinary"
 
     def __post_init__(self) -> None:

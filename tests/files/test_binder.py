@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 import pytest
 
-from possmap.bounds import Bounds, Count, Number, Positive
+from possmap.core.ranges import PROBABILITY, Count, Number, Positive
 from possmap.errors import SettingsError
 from possmap.settings.binder import bind
 from possmap.settings.yaml_file import parse_yaml
@@ -49,7 +49,7 @@ class House:
         default_factory=dict
     )
     height: Positive = 3.0
-    share: Annotated[float, Bounds(above=0, below=1)] = 0.5
+    share: Annotated[float, PROBABILITY] = 0.5
     open: bool = False
 
     def __post_init__(self) -> None:

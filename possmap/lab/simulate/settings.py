@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal, TypeAlias
 
-from possmap.bounds import LARGEST_COUNT, Bounds, Count, NotNegative, Positive, Probability
+from possmap.core.ranges import Count, NotNegative, Positive, Share, whole
 
 Behaviour: TypeAlias = Literal[
     "anxious-left", "normal-right", "routine-left",
@@ -29,9 +29,9 @@ class MissionSettings:
     """Everything about a mission but its world; each field is a key of the mission file."""
 
     # The team
-    robots: Annotated[int, Bounds(1, MOST_ROBOTS)] = 3
+    robots: Annotated[int, whole(1, MOST_ROBOTS)] = 3
     """How many."""
-    seed: Annotated[int, Bounds(0, LARGEST_COUNT)] = 1
+    seed: Annotated[int, whole(0)] = 1
     """Of all random numbers."""
     minutes: Positive = 20.0
     """How long the mission lasts [min]."""
@@ -46,9 +46,9 @@ class MissionSettings:
     """[1/m]."""
     routine: NotNegative = 0.10
     """[1/m]."""
-    left: Probability = 0.7
+    left: Share = 0.7
     """P4, the probability of turning left at an obstacle, of those that tend left."""
-    right: Probability = 0.3
+    right: Share = 0.3
     """The same of those that tend right."""
 
     # The robot
@@ -114,7 +114,7 @@ class MissionSettings:
     """Before the same two talk again [s]."""
     radio_rest: NotNegative = 10.0
     """Before a robot stops for anybody again [s]: or a crowd would never get away."""
-    radio_loss: Probability = 0.1
+    radio_loss: Share = 0.1
     """Probability that a meeting passes unheard."""
 
     # Output

@@ -10,7 +10,7 @@ from typing import Annotated, Literal, NamedTuple, TypeAlias
 import numpy as np
 import yaml
 
-from possmap.bounds import LARGEST_COUNT, Bounds, Number
+from possmap.core.ranges import Number, at_least, between, whole
 from possmap.errors import SettingsError, printable
 from possmap.lab.simulate.floor_plan import Rectangle, Wall, sides, united
 from possmap.lab.simulate.generate import LARGEST, SMALLEST, office
@@ -67,8 +67,8 @@ class Point(NamedTuple):
 class Size(NamedTuple):
     """Outer sides of a building [m]."""
 
-    x: Annotated[float, Bounds(SMALLEST, LARGEST)]
-    y: Annotated[float, Bounds(SMALLEST, LARGEST)]
+    x: Annotated[float, between(SMALLEST, LARGEST)]
+    y: Annotated[float, between(SMALLEST, LARGEST)]
 
 
 def _straight(line: Line) -> Line:
@@ -130,10 +130,10 @@ class WorldFile:
     image: FileName | None = None
     map: FileName | None = None
     generate: Literal["office"] | None = None
-    resolution: Annotated[float, Bounds(least=FINEST)] | None = None
+    resolution: Annotated[float, at_least(FINEST)] | None = None
     origin: Point | None = None
     size: Size | None = None
-    seed: Annotated[int, Bounds(0, LARGEST_COUNT)] | None = None
+    seed: Annotated[int, whole(0)] | None = None
 
     def __post_init__(self) -> None:
         bases = [base for base in BASES if getattr(self, base) is not None]
