@@ -1,21 +1,63 @@
-"""The estimators by name (METHOD §1)."""
+"""The estimators by name: an excursion's track laid out, with its errors (METHOD §1)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from itertools import zip_longest
 from types import MappingProxyType
+from typing import NamedTuple
 
+from possmap.core.correction import CorrectedStretch, correct
 from possmap.core.heading import HeadingError
 from possmap.core.linear import LinearError
-from possmap.core.propagation import PoseError
+from possmap.core.model import ErrorModel
+from possmap.core.propagation import CarriedError, ErrorRectangle, StretchErrors, propagate
 from possmap.core.records import Pose
-from possmap.core.settings import Estimator
+from possmap.core.settings import Estimator, EvidenceSettings
+from possmap.core.track import Stretch
+from possmap.core.walls import Observations, WallFilter
 
-_AT_START: Mapping[Estimator, Callable[[Pose], PoseError]] = MappingProxyType(
+_AT_START: Mapping[Estimator, Callable[[Pose], CarriedError]] = MappingProxyType(
     {"linear": LinearError.at_start, "heading": HeadingError.at_start}
 )
 
 
-def at_start(first: Pose, estimator: Estimator) -> PoseError:
-    """Return the first pose's own error, to be carried along the track by an estimator."""
+class Estimate(NamedTuple):
+    """Where the stretches of an excursion lie, and how far off they may be.
+
+    start : the rectangle of the first pose.
+    stretches, errors : one each of a stretch.
+    observations : what walls told of the heading (estimator ``walls``).
+    """
+
+    start: ErrorRectangle
+    stretches: Sequence[CorrectedStretch]
+    errors: Sequence[StretchErrors]
+    observations: Observations
+
+
+def estimate(
+    first: Pose, track: Sequence[Stretch], model: ErrorModel, settings: EvidenceSettings
+) -> Estimate:
+    """Correct a track, and carry the first pose's own error along it."""
+    if settings.estimator == "walls":
+        return _by_walls(first, track, model, settings)
+    start = at_start(first, settings.estimator)
+    corrected = correct(track, model)
+    errors = propagate(start, corrected, model)
+    return Estimate(start.rectangle, corrected, errors, Observations())
+
+
+def at_start(first: Pose, estimator: Estimator) -> CarriedError:
+    """Return the first pose's own error, to be carried along a corrected track."""
     return _AT_START[estimator](first)
+
+
+def _by_walls(
+    first: Pose, track: Sequence[Stretch], model: ErrorModel, settings: EvidenceSettings
+) -> Estimate:
+    now = WallFilter(first, model, settings)
+    start = now.rectangle
+    laid = [now.advance(one, following) for one, following in zip_longest(track, track[1:])]
+    stretches, errors = [one for one, _ in laid], [error for _, error in laid]
+    return Estimate(start, stretches, errors, now.observations)

@@ -8,13 +8,14 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from possmap.core.clip import ClipLine, clip_lines
-from possmap.core.correction import CorrectedStretch, correct
-from possmap.core.estimators import at_start
+from possmap.core.correction import CorrectedStretch
+from possmap.core.estimators import estimate
 from possmap.core.model import ErrorModel
-from possmap.core.propagation import ErrorRectangle, StretchErrors, propagate
+from possmap.core.propagation import ErrorRectangle, StretchErrors
 from possmap.core.records import Beam, PartialMap, Pose, Wall
 from possmap.core.settings import EvidenceSettings
 from possmap.core.track import Stretch, stretches
+from possmap.core.walls import Observations
 
 
 class Layer(IntEnum):
@@ -100,16 +101,18 @@ class Findings(NamedTuple):
     """Everything that one version of an excursion yields.
 
     geometry : by record index; records that wait, and meetings, have none.
+    observations : what walls told of the heading (estimator ``walls``).
     """
 
     model: ErrorModel
     geometry: dict[int, Geometry]
     evidence: tuple[Evidence, ...]
+    observations: Observations = Observations()
 
     def before(self, count: int) -> Findings:
         """Return what the first ``count`` records alone yield."""
         known = tuple(one for one in self.evidence if one.closed_by < count)
-        return Findings(self.model, self.geometry, known)
+        return self._replace(evidence=known)
 
 
 def findings(excursion: PartialMap, model: ErrorModel, settings: EvidenceSettings) -> Findings:
@@ -121,10 +124,10 @@ def findings(excursion: PartialMap, model: ErrorModel, settings: EvidenceSetting
     index, first = next(poses, (0, None))
     if not isinstance(first, Pose):
         return Findings(model, geometry, ())
-    track = correct(stretches(excursion.records), model)
-    start = at_start(first, settings.estimator)
-    errors = propagate(start, track, model)
-    geometry[index] = Geometry.of_point(first.x, first.y, start.rectangle, first.heading_deg)
+    start, track, errors, observations = estimate(
+        first, stretches(excursion.records), model, settings
+    )
+    geometry[index] = Geometry.of_point(first.x, first.y, start, first.heading_deg)
     for stretch, error in zip(track, errors, strict=True):
         logged = stretch.logged
         if logged.seen:
@@ -136,7 +139,7 @@ def findings(excursion: PartialMap, model: ErrorModel, settings: EvidenceSetting
             evidence.append(_path(stretch, error, geometry, settings, swath))
         if logged.seen and settings.free_along_beams:
             evidence += _along_beams(logged, geometry, settings.resolution)
-    return Findings(model, geometry, tuple(evidence))
+    return Findings(model, geometry, tuple(evidence), observations)
 
 
 def _lay_out(

@@ -1,11 +1,14 @@
 """Fusion: evidence added to tiles, in integers, so that order cannot matter (METHOD §3).
 
-S(x, y) = x + y - xy is addition of weights w = -ln(1 - N), Shafer's weight of evidence; free space
-is a maximum of denials 1 - Π. Both are commutative and associative on integers.
+S(x, y) = x + y - xy is addition of weights w = -ln(1 - N), Shafer's weight of evidence. Free space
+is a maximum of denials 1 - Π (``free_fusion: minimum``), or a sum of weights too: those of the
+strongest denial of each excursion (``dempster``). All are commutative and associative on integers.
 """
 
 from __future__ import annotations
 
+from functools import cache, reduce
+from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -16,9 +19,9 @@ from possmap.core.clip import spared
 from possmap.core.evidence import Layer
 from possmap.core.lattice import TILE, Window, tile_window
 from possmap.core.plan import TileWork
-from possmap.core.pyramid import FULL, Ints, Values, Weights
+from possmap.core.pyramid import FULL, Floats, Ints, Values, Weights
 from possmap.core.segment_table import COLUMNS, segment_of
-from possmap.core.settings import EvidenceSettings
+from possmap.core.settings import EvidenceSettings, FreeFusion
 from possmap.core.stamping import Piece, extent
 
 UNIT = 2**18
@@ -27,25 +30,39 @@ UNIT = 2**18
 CERTAIN = 16 * UNIT
 """The weight of a value of 65535, which has no finite logarithm."""
 
-LayerArray: TypeAlias = Weights | Values
+LayerArray: TypeAlias = Weights
 TileLayers: TypeAlias = dict[Layer, LayerArray]
-"""The layers of one tile that are not pure ignorance, each of shape (TILE, TILE)."""
+"""The layers of one tile that are not pure ignorance, each of shape (TILE, TILE), 64 bits."""
 
 
 _MAX_ERROR = COLUMNS.index("max_error")
+_GROUP, _KNOWN = 3, 4
 
 
-def _weight_table() -> Weights:
+@cache
+def wall_table(certainty_power: float) -> Weights:
+    """Return T: the weight of each 16-bit necessity of an excursion, shape (65536,)."""
+    return _table((np.arange(FULL + 1) / FULL) ** certainty_power)
+
+
+@cache
+def denial_table(pass_weight: float) -> Weights:
+    """Return T_f: the weight of each 16-bit denial of an excursion, shape (65536,)."""
+    return _table(pass_weight * np.arange(FULL + 1) / FULL)
+
+
+def _table(values: Floats) -> Weights:
+    """Return round(-ln(1 - value)·2¹⁸), and 16·2¹⁸ of certainty (METHOD §3)."""
     with np.errstate(divide="ignore"):
-        weights = -np.log(1 - np.arange(FULL + 1) / FULL) * UNIT
-    weights[FULL] = CERTAIN
+        weights = -np.log(1 - values) * UNIT
+    weights[values == 1] = CERTAIN
     table: Weights = np.rint(weights).astype(np.int64)
     table.flags.writeable = False
     return table
 
 
-WEIGHT = _weight_table()
-"""Weight of each 16-bit value: round(-ln(1 - q/65535)·2¹⁸), and 16·2¹⁸ at 65535 (METHOD §3)."""
+WEIGHT = wall_table(1.0)
+"""The weights where nothing is discounted."""
 
 
 def fuse_tile(work: TileWork, layers: TileLayers, settings: EvidenceSettings) -> TileLayers:
@@ -59,42 +76,75 @@ def fuse_tile(work: TileWork, layers: TileLayers, settings: EvidenceSettings) ->
     changed: TileLayers = {}
     window = tile_window(work.key)
     for layer in sorted(work.pieces):
-        array = layers[layer].copy() if layer in layers else blank(layer)
-        stamp_layer(array, window, work, layer, settings.resolution)
+        array = layers[layer].copy() if layer in layers else blank()
+        stamp_layer(array, window, work, layer, settings)
         if array.any():
             changed[layer] = array
     return changed
 
 
 def stamp_layer(
-    array: LayerArray, window: Window, work: TileWork, layer: Layer, resolution: float
+    array: LayerArray, window: Window, work: TileWork, layer: Layer, settings: EvidenceSettings
 ) -> None:
     """Add to an array of the cells of ``window`` what the work says of one layer there."""
-    pieces = work.pieces[layer]
-    if layer is Layer.FREE:
-        _deny(array.astype(np.uint16, copy=False), window, work, pieces, resolution)
+    pieces, resolution = work.pieces[layer], settings.resolution
+    if layer is not Layer.FREE:
+        table = wall_table(settings.certainty_power)
+        kernel.reinforce(array, window, work.segments, pieces, resolution, table)
+    elif settings.free_fusion == "minimum":
+        denials = array.astype(np.uint16)
+        _deny(denials, window, work, pieces, resolution)
+        array[:] = denials
     else:
-        weights = array.astype(np.int64, copy=False)
-        kernel.reinforce(weights, window, work.segments, pieces, resolution, WEIGHT)
+        _deny_by_excursion(array, window, work, pieces, settings)
 
 
-def merged(one: TileLayers, other: TileLayers) -> TileLayers:
-    """Return what two partial tiles say together: weights add up, of denials the larger counts."""
+def _deny_by_excursion(
+    weights: Weights, window: Window, work: TileWork, pieces: Ints, settings: EvidenceSettings
+) -> None:
+    """Add what the strongest denial of each group, an excursion, weighs; or by how much it grew."""
+    table = denial_table(settings.pass_weight)
+    starts = np.flatnonzero(np.diff(pieces[:, _GROUP], prepend=-1, append=-1)).tolist()
+    for start, stop in pairwise(starts):
+        group = pieces[start:stop]
+        if not work.apart(group).any():
+            kernel.reinforce(weights, window, work.segments, group, settings.resolution, table)
+            continue
+        region = _extent(work, group, settings.resolution).intersection(window)
+        denials: Values = np.zeros(region.shape, dtype=np.uint16)
+        is_known = group[:, _KNOWN] != 0
+        target = weights[region.slices_in(window)]
+        if is_known.any():
+            _deny(denials, region, work, group[is_known], settings.resolution)
+            target -= table[denials]
+        _deny(denials, region, work, group[~is_known], settings.resolution)
+        target += table[denials]
+
+
+def _extent(work: TileWork, pieces: Ints, resolution: float) -> Window:
+    """Return a window of all cells that pieces may touch."""
+    windows = [
+        extent(Piece(segment_of(work.segments[number]), first, last), resolution)
+        for number, first, last, *_ in pieces.tolist()
+    ]
+    return reduce(Window.union, windows)
+
+
+def merged(one: TileLayers, other: TileLayers, free_fusion: FreeFusion) -> TileLayers:
+    """Return what two partial tiles say together: weights add up, a larger denial counts."""
     found = dict(one)
     for layer, array in other.items():
         if layer not in found:
             found[layer] = array
-        elif layer is Layer.FREE:
+        elif layer is Layer.FREE and free_fusion == "minimum":
             found[layer] = np.maximum(found[layer], array)
         else:
             found[layer] = found[layer] + array
     return found
 
 
-def blank(layer: Layer) -> LayerArray:
-    """Return a tile of pure ignorance: nothing denied, no weight."""
-    if layer is Layer.FREE:
-        return np.zeros((TILE, TILE), dtype=np.uint16)
+def blank(_: Layer | None = None) -> LayerArray:
+    """Return a layer of a tile of pure ignorance: nothing denied, no weight."""
     return np.zeros((TILE, TILE), dtype=np.int64)
 
 
@@ -126,7 +176,20 @@ def necessity_of(weights: Weights) -> NDArray[np.float64]:
     return necessity
 
 
-def possibility_of(denials: Values) -> NDArray[np.float64]:
-    """Return Π = 1 - q/65535 of 16-bit denials (METHOD §3)."""
+def possibility_of(
+    denials: LayerArray | Values, free_fusion: FreeFusion = "minimum"
+) -> NDArray[np.float64]:
+    """Return Π of the integers of the layer FREE: 1 - q/65535, or e^(-v / 2¹⁸) (METHOD §3)."""
+    if free_fusion == "dempster":
+        return np.exp(denials / -UNIT)
     possibility: NDArray[np.float64] = 1 - denials / FULL
     return possibility
+
+
+def denial_weights(denials: LayerArray, free_fusion: FreeFusion) -> NDArray[np.float64]:
+    """Return v = -ln Π of the integers of the layer FREE, 16 where q = 65535 (METHOD §4)."""
+    if free_fusion == "dempster":
+        return denials / UNIT
+    weights = -np.log1p(np.minimum(denials, FULL - 1) / -FULL)
+    weights[denials == FULL] = CERTAIN / UNIT
+    return weights

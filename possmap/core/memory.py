@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from possmap.core.evidence import Findings, Layer
-from possmap.core.fusion import LayerArray, TileLayers, blank, fuse_tile
+from possmap.core.fusion import LayerArray, TileLayers, fuse_tile
 from possmap.core.lattice import TILE, TileKey, Window, joined, tile_window, tiles_of
 from possmap.core.plan import by_tile, plan_excursion
 from possmap.core.settings import EvidenceSettings
@@ -28,6 +28,7 @@ class TileMemory:
 
     def __init__(self, settings: EvidenceSettings) -> None:
         self._settings = settings
+        self.free_fusion = settings.free_fusion
         self._tiles: dict[TileKey, TileLayers] = {}
 
     def fuse(self, found: Findings, known_records: int) -> list[TileKey]:
@@ -47,7 +48,7 @@ class TileMemory:
 
     def read_window(self, layer: Layer, window: Window) -> LayerArray:
         """Return one layer of a window, shape (rows, columns); what is not known is 0."""
-        whole: LayerArray = np.zeros(window.shape, dtype=blank(layer).dtype)
+        whole: LayerArray = np.zeros(window.shape, dtype=np.int64)
         for key in tiles_of(window):
             layers = self._tiles.get(key, {})
             if layer in layers:

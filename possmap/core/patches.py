@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from possmap.core.evidence import Layer
-from possmap.core.fusion import LayerArray, blank
+from possmap.core.fusion import LayerArray
 from possmap.core.lattice import Window
 
 JOINED_CELLS = 1 << 16
@@ -39,7 +39,7 @@ def spread(patch: Patch, layer: Layer, window: Window) -> LayerArray:
     crop = patch.get(layer)
     if crop is not None and crop.window == window:
         return crop.cells
-    whole: LayerArray = np.zeros(window.shape, dtype=blank(layer).dtype)
+    whole: LayerArray = np.zeros(window.shape, dtype=np.int64)
     if crop is not None:
         shared = crop.window.intersection(window)
         if shared.cells:

@@ -96,14 +96,21 @@ def plan_excursion(
     known_records : how many of its records, from the first, the grid already holds.
     """
     new = _pieces(found, settings, known_records, known=False)
-    if settings.independence == "excursion" and known_records:
+    by_excursion = _layers_by_excursion(settings)
+    if by_excursion and known_records:
         # What the excursion said before in these tiles, so that only the difference is added.
         before = _pieces(found, settings, known_records, known=True)
-        reinforced = new.pieces[new.pieces[:, _LAYER] != Layer.FREE]
+        reinforced = new.pieces[np.isin(new.pieces[:, _LAYER], by_excursion)]
         again = _among(before.pieces[:, _PLACE], reinforced[:, _PLACE])
         before = ExcursionPlan(before.segments, before.pieces[again], before.records, before.clips)
         return _joined([before, new], same_groups=True)
     return new
+
+
+def _layers_by_excursion(settings: EvidenceSettings) -> list[Layer]:
+    """Return the layers in which an excursion's largest value counts, once (METHOD §3)."""
+    found = [Layer.WALLS, Layer.POINTS] if settings.independence == "excursion" else []
+    return [*found, Layer.FREE] if settings.free_fusion == "dempster" else found
 
 
 def _pieces(
@@ -121,8 +128,7 @@ def _pieces(
     pieces[:, [_SEGMENT, _ROW, _COLUMN, _FIRST, _LAST]] = touch
     pieces[:, [_LAYER, _GROUP, _CLIP]] = of_segment[touch[:, 0], :3]
     pieces[:, _KNOWN] = known
-    if settings.independence == "excursion":
-        pieces[:, _GROUP] = 0
+    pieces[np.isin(pieces[:, _LAYER], _layers_by_excursion(settings)), _GROUP] = 0
     clips = tuple(one.clip for one in chosen)
     return ExcursionPlan(segments, pieces, of_segment[:, 3], clips)
 

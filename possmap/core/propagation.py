@@ -1,7 +1,8 @@
 """How far off the robot may be along its track: what all estimators share (METHOD §1).
 
-An estimator is a kind of ``PoseError``: a value that tells its rectangle and carries itself along
-runs and through turns (``core/linear.py``, ``core/heading.py``; by name in ``core/estimators.py``).
+The estimators of ``core/linear.py`` and ``core/heading.py`` are kinds of ``CarriedError``: a value
+that tells its rectangle and carries itself along a track that is corrected already. That of
+``core/walls.py`` corrects the track itself. By name they are in ``core/estimators.py``.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ class ErrorRectangle(NamedTuple):
 
 
 class PoseError(Protocol):
-    """What may be wrong with a pose, as one estimator keeps it; a step returns a new value."""
+    """What may be wrong with a pose."""
 
     @property
     def rectangle(self) -> ErrorRectangle:
@@ -49,13 +50,17 @@ class PoseError(Protocol):
     def heading_half(self) -> float:
         """Half-width H of the heading [rad], at most a right angle."""
 
-    def after_run(self, run: CorrectedStretch, model: ErrorModel) -> PoseError:
+
+class CarriedError(PoseError, Protocol):
+    """The same as one estimator carries it along the track; a step returns a new value."""
+
+    def after_run(self, run: CorrectedStretch, model: ErrorModel) -> CarriedError:
         """Carry it along a run in free space, or past walls that were only seen."""
 
-    def after_following(self, run: CorrectedStretch, model: ErrorModel) -> PoseError:
+    def after_following(self, run: CorrectedStretch, model: ErrorModel) -> CarriedError:
         """Carry it along a followed wall, with which the robot has lined up."""
 
-    def after_turn(self, turn_deg: float, model: ErrorModel) -> PoseError:
+    def after_turn(self, turn_deg: float, model: ErrorModel) -> CarriedError:
         """Carry it through a turn, which is not 0 [deg]."""
 
 
@@ -73,7 +78,9 @@ class StretchErrors(NamedTuple):
     after: PoseError
 
 
-def after_stretch(before: PoseError, stretch: CorrectedStretch, model: ErrorModel) -> StretchErrors:
+def after_stretch(
+    before: CarriedError, stretch: CorrectedStretch, model: ErrorModel
+) -> tuple[CarriedError, StretchErrors]:
     """Carry a pose's error along one stretch: first the run, then the turn that ends it."""
     logged, at_end = stretch.logged, before
     if logged.is_followed:
@@ -81,17 +88,16 @@ def after_stretch(before: PoseError, stretch: CorrectedStretch, model: ErrorMode
     elif logged.is_run:
         at_end = before.after_run(stretch, model)
     after = at_end.after_turn(logged.turn_deg, model) if logged.turn_deg else at_end
-    return StretchErrors(before.rectangle, at_end.rectangle, at_end.heading_half, after)
+    return after, StretchErrors(before.rectangle, at_end.rectangle, at_end.heading_half, after)
 
 
 def propagate(
-    start: PoseError, track: Iterable[CorrectedStretch], model: ErrorModel
+    start: CarriedError, track: Iterable[CorrectedStretch], model: ErrorModel
 ) -> list[StretchErrors]:
     """Carry the first pose's error along the corrected track, stretch by stretch."""
     errors: list[StretchErrors] = []
     now = start
     for stretch in track:
-        found = after_stretch(now, stretch, model)
+        now, found = after_stretch(now, stretch, model)
         errors.append(found)
-        now = found.after
     return errors

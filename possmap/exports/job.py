@@ -14,7 +14,7 @@ from possmap.release import version
 
 FRAME = "site: x right, y up, in metres; no geographic reference"
 MODES = ("trinary", "scale", "raw")
-LAYERS = (*VIEWS, "points")
+LAYERS = (*(view for view in VIEWS if view != "pignistic_logit"), "points")
 
 Metres = tuple[float, float, float, float]
 """A rectangle: x0, y0, x1, y1."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from possmap.core.lattice import Window
-from possmap.core.views import VIEWS, CellArray
+from possmap.core.views import NOTHING, VIEWS, CellArray
 from possmap.exports.bands import bands, filled
 from possmap.exports.job import Job, tidy
 from possmap.exports.png_stream import GRAY_16, text_chunks, write_png
@@ -37,10 +37,9 @@ def _pixels(job: Job) -> Iterator[tuple[bool, NDArray[Any]]]:
     def value(area: Window) -> NDArray[np.uint16]:
         return _sixteen_bits(job.grid.view(layer, area, base_rate))
 
-    nothing, open_ = np.zeros((1, 1)), np.ones((1, 1))
-    unknown = nothing if layer == "points" else VIEWS[layer](nothing, open_, base_rate)
+    unknown = np.zeros(1) if layer == "points" else VIEWS[layer](NOTHING, base_rate)
     for band in bands(job.window, from_top=True):
-        pixels = filled(job.grid, band, value, int(_sixteen_bits(unknown)[0, 0]), np.uint16)
+        pixels = filled(job.grid, band, value, int(_sixteen_bits(unknown)[0]), np.uint16)
         yield band.column0 == job.window.column0, pixels[::-1]
 
 

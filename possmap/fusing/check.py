@@ -7,12 +7,12 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
-from possmap.core.correction import correct
-from possmap.core.estimators import at_start
+from possmap.core.estimators import estimate
+from possmap.core.linear import LinearError
 from possmap.core.model import ErrorModel
-from possmap.core.propagation import PoseError, propagate
+from possmap.core.propagation import RIGHT_ANGLE, PoseError
 from possmap.core.records import KIND_OF, PartialMap, Pose
-from possmap.core.settings import Estimator
+from possmap.core.settings import EvidenceSettings
 from possmap.core.track import stretches, waiting
 from possmap.errors import PossmapError
 from possmap.fusing import inputs
@@ -110,7 +110,7 @@ def _inspections(log: LogFile, settings: Settings) -> Iterator[Inspection]:
         version = delivery.version
         robot = settings.robots.get(version.robot, {})
         model = settings.evidence.model_in_force(version.model, robot)
-        last = _last_error(version, model, settings.evidence.estimator)
+        last = _last_error(version, model, settings.evidence)
         yield _inspect(version, delivery.carrier, last)
 
 
@@ -136,11 +136,15 @@ def _inspect(
     )
 
 
-def _last_error(version: PartialMap, model: ErrorModel, estimator: Estimator) -> PoseError | None:
+def _last_error(
+    version: PartialMap, model: ErrorModel, settings: EvidenceSettings
+) -> PoseError | None:
     """Return the error at the last pose, None without a pose."""
     first = next((record for record in version.records if isinstance(record, Pose)), None)
     if first is None:
         return None
-    start = at_start(first, estimator)
-    errors = propagate(start, correct(stretches(version.records), model), model)
-    return errors[-1].after if errors else start
+    found = estimate(first, stretches(version.records), model, settings)
+    if found.errors:
+        return found.errors[-1].after
+    heading_half = min(RIGHT_ANGLE, math.radians(first.error_heading_deg))
+    return LinearError(found.start, heading_half)

@@ -26,7 +26,7 @@ from possmap.grid.rows import excursion_rows
 from possmap.grid.soundness import title
 from possmap.progress import Progress
 
-_DENIALS_BYTES = 2 * TILE * TILE
+_DENIALS_BYTES = 8 * TILE * TILE
 """What is held of a tile whose denials must be raised again."""
 
 
@@ -105,11 +105,17 @@ class _Withdrawal:
         for key, work in self._works(keys, kept=False):
             held = self._grid.tiles.read(key)
             try:
-                left, must_raise = withdrawn(held, fuse_tile(work, {}, self._settings))
+                left, must_raise = withdrawn(
+                    held, fuse_tile(work, {}, self._settings), self._settings.free_fusion
+                )
             except ValueError as error:
                 raise self._odd(f"tile {key.row}, {key.column}: {error}") from error
             if key in staying:
-                left = merged(left, fuse_tile(staying.pop(key), {}, self._settings))
+                left = merged(
+                    left,
+                    fuse_tile(staying.pop(key), {}, self._settings),
+                    self._settings.free_fusion,
+                )
             if must_raise:
                 in_doubt[key] = left.pop(Layer.FREE)
             self._put(key, left, held)

@@ -6,12 +6,16 @@ import numpy as np
 
 from possmap.core.evidence import Layer
 from possmap.core.fusion import TileLayers
+from possmap.core.settings import FreeFusion
 
 
-def withdrawn(layers: TileLayers, gone: TileLayers) -> tuple[TileLayers, bool]:
+def withdrawn(
+    layers: TileLayers, gone: TileLayers, free_fusion: FreeFusion
+) -> tuple[TileLayers, bool]:
     """Return a tile without some of its evidence, and whether its denials must be raised again.
 
-    Weights add up, so what is left of them is a difference. A denial is a maximum: where what goes
+    Weights add up, so what is left of them is a difference; under ``free_fusion: dempster`` those
+    of free space, too. Under ``minimum`` a denial is a maximum: where what goes
     is as large as what the tile holds, it may have been alone, and the cell becomes 0 until the
     others have said again what they know of it. In all other cells they have said so already.
 
@@ -32,9 +36,9 @@ def withdrawn(layers: TileLayers, gone: TileLayers) -> tuple[TileLayers, bool]:
         held = layers.get(layer)
         if held is None or (held < array).any():
             raise ValueError("less than the ledger's records make")
-        if layer is not Layer.FREE:
+        if layer is not Layer.FREE or free_fusion == "dempster":
             left[layer] = held - array
-    if Layer.FREE not in gone:
+    if Layer.FREE not in gone or free_fusion == "dempster":
         return left, False
     denials = layers[Layer.FREE]
     in_doubt = (denials == gone[Layer.FREE]) & (denials != 0)

@@ -64,8 +64,8 @@ def digest_of(
     return hashlib.sha256(name + cells.tobytes()).digest()
 
 
-def decode(layer: Layer, bounds: Window, data: bytes) -> LayerArray:
-    """Return the cells of ``bounds``, as numbers of the layer's own type.
+def decode(_: Layer, bounds: Window, data: bytes) -> LayerArray:
+    """Return the cells of ``bounds``, as 64-bit integers.
 
     Raises
     ------
@@ -95,6 +95,4 @@ def decode(layer: Layer, bounds: Window, data: bytes) -> LayerArray:
     cells: NDArray[np.unsignedinteger] = np.add.accumulate(
         differences.reshape(bounds.shape), axis=1, dtype=dtype
     )
-    if layer is Layer.FREE:
-        return cells.astype(np.uint16, copy=False)
     return cells.astype(np.int64)

@@ -17,6 +17,7 @@ from possmap.core import views
 from possmap.core.evidence import Layer
 from possmap.core.fusion import necessity_of, possibility_of
 from possmap.core.lattice import Lattice, Window
+from possmap.core.patches import extent_of, spread
 from possmap.core.settings import EvidenceSettings, RobotModels
 from possmap.core.views import CellArray
 from possmap.errors import GridError, SettingsError, did_you_mean
@@ -42,6 +43,7 @@ LATER: Mapping[str, Value] = MappingProxyType(
     }
 )
 """Settings that the first grids did not have, with what they did."""
+
 
 MOST_CELLS = 10**9
 """More than these are never read at once."""
@@ -163,9 +165,9 @@ class Grid:
         """Return Π of each cell of a window, or of all evidence; shape (rows, columns)."""
         chosen = self._array_of(window)
         found = np.ones(chosen.shape)
+        free_fusion = self.settings.free_fusion
         for crop in self.tiles.crops(Layer.FREE, chosen):
-            denials = crop.cells.astype(np.uint16, copy=False)
-            found[crop.window.slices_in(chosen)] = possibility_of(denials)
+            found[crop.window.slices_in(chosen)] = possibility_of(crop.cells, free_fusion)
         return _frozen(found)
 
     def points(self, window: Window | None = None) -> CellArray:
@@ -186,9 +188,17 @@ class Grid:
             names = [*views.VIEWS, "points"]
             guess = did_you_mean(name, names) or f", expected one of {', '.join(names)}"
             raise ValueError(f'unknown view "{name}"{guess}')
-        chosen = self._chosen(window)
-        necessity, possibility = self.necessity(chosen), self.possibility(chosen)
-        return _frozen(views.VIEWS[name](necessity, possibility, base_rate))
+        chosen = self._array_of(window)
+        unknown = views.VIEWS[name](views.NOTHING, base_rate)
+        found = np.broadcast_to(unknown, chosen.shape).copy()
+        free_fusion = self.settings.free_fusion
+        for patch in self.tiles.patches(chosen):
+            area = extent_of(patch)
+            cells = views.Readout.of(
+                spread(patch, Layer.WALLS, area), spread(patch, Layer.FREE, area), free_fusion
+            )
+            found[area.slices_in(chosen)] = views.VIEWS[name](cells, base_rate)
+        return _frozen(found)
 
     def digest(self) -> str:
         """Return the digest, hexadecimal: two grids of the same evidence have one (METHOD §3)."""

@@ -213,6 +213,8 @@ def excursion_rows(
     first = known_records
     while first and not isinstance(version.records[first - 1], Pose):
         first -= 1
+    # And so is the last pose: only what comes tells whether the robot turned there (walls).
+    first = max(0, first - 1)
     head = (
         version.robot, version.excursion, json.dumps(dict(version.model)),
         json.dumps(asdict(model)), len(version.records), excursion_hash(version, model),

@@ -13,6 +13,7 @@ from possmap.core.fusion import LayerArray, TileLayers, blank
 from possmap.core.lattice import TILE, TileKey, Window, joined, tile_window
 from possmap.core.patches import Crop, Patch, cropped
 from possmap.core.patches import joined as joined_patches
+from possmap.core.settings import FreeFusion
 from possmap.errors import GridError
 from possmap.grid.bounds import CELLS
 from possmap.grid.checks import bounds_in_tile, exactly, tile_place
@@ -38,6 +39,12 @@ class TileStore:
     def __init__(self, database: Database) -> None:
         self._database = database
         self.directory = Directory(database)
+
+    @property
+    def free_fusion(self) -> FreeFusion:
+        """What the numbers of the layer FREE mean (METHOD §3)."""
+        row = self._database.one("SELECT value FROM setting WHERE name = 'free_fusion'")
+        return "dempster" if row == ('"dempster"',) else "minimum"
 
     def read(self, key: TileKey) -> TileLayers:
         """Return the layers of one tile that are not pure ignorance, each of shape (TILE, TILE)."""

@@ -33,14 +33,14 @@ class Crowd:
     """What sides say together in a window, from which any one can be left out.
 
     Of denials the largest two are kept: enough for every side at once. However many sides there
-    are, it takes 12 bytes a cell.
+    are, it takes 24 bytes a cell.
     """
 
     def __init__(self, window: Window) -> None:
         self.window = window
         self._walls = False
         self._weights = np.zeros(window.shape, dtype=np.int64)
-        self._largest, self._second = np.zeros((2, *window.shape), dtype=np.uint16)
+        self._largest, self._second = np.zeros((2, *window.shape), dtype=np.int64)
 
     def add(self, side: Patch) -> None:
         """Add a side, which lies within the window."""

@@ -14,6 +14,7 @@ from possmap.core.patches import Crop, Patch
 from possmap.core.plan import ExcursionPlan, TileWork, by_tile
 from possmap.core.pyramid import Floats, Ints
 from possmap.core.segment_table import COLUMNS
+from possmap.core.settings import EvidenceSettings
 
 _MAX_ERROR, _WIDTH = COLUMNS.index("max_error"), COLUMNS.index("width")
 _LAYERS = (Layer.WALLS, Layer.FREE)
@@ -34,13 +35,18 @@ class TileSides:
     """
 
     def __init__(
-        self, work: TileWork, first_groups: Ints, within: Window, resolution: float, room: int
+        self,
+        work: TileWork,
+        first_groups: Ints,
+        within: Window,
+        settings: EvidenceSettings,
+        room: int,
     ) -> None:
         self.key = work.key
-        self.window = _touched(work.segments, resolution).intersection(within)
+        self.window = _touched(work.segments, settings.resolution).intersection(within)
         self._works = dict(_apart(work, first_groups))
         self.numbers = list(self._works)
-        self._resolution = resolution
+        self._settings = settings
         self._kept: dict[int, Patch] = {}
         self._room = room
 
@@ -48,7 +54,7 @@ class TileSides:
         """Return what an excursion says: each layer only where it says something, if at all."""
         if number in self._kept:
             return self._kept[number]
-        found = said(self._works[number], self.window, self._resolution)
+        found = said(self._works[number], self.window, self._settings)
         size = sum(crop.cells.nbytes for crop in found.values())
         if size <= self._room:
             self._room -= size
@@ -56,26 +62,20 @@ class TileSides:
         return found
 
 
-def said(work: TileWork, within: Window, resolution: float) -> Patch:
+def said(work: TileWork, within: Window, settings: EvidenceSettings) -> Patch:
     """Return what a tile's work says of walls in a window, where it may touch anything."""
     found = {}
     for layer in _LAYERS:
         if layer not in work.pieces:
             continue
         segments = work.segments[work.pieces[layer][:, 0]]
-        window = _touched(segments, resolution).intersection(within)
+        window = _touched(segments, settings.resolution).intersection(within)
         if window.cells:
-            cells = _nothing(layer, window)
-            stamp_layer(cells, window, work, layer, resolution)
+            cells: LayerArray = np.zeros(window.shape, dtype=np.int64)
+            stamp_layer(cells, window, work, layer, settings)
             if cells.any():
                 found[layer] = Crop(window, cells)
     return found
-
-
-def _nothing(layer: Layer, window: Window) -> LayerArray:
-    if layer is Layer.FREE:
-        return np.zeros(window.shape, dtype=np.uint16)
-    return np.zeros(window.shape, dtype=np.int64)
 
 
 def _touched(segments: Floats, resolution: float) -> Window:
@@ -94,7 +94,7 @@ def _touched(segments: Floats, resolution: float) -> Window:
 
 
 def sides_by_tile(
-    plans: Sequence[ExcursionPlan], resolution: float, within: Window | None, room: int
+    plans: Sequence[ExcursionPlan], settings: EvidenceSettings, within: Window | None, room: int
 ) -> tuple[int, Iterator[TileSides]]:
     """Return how many tiles excursions touch at most, and what they say there, by place.
 
@@ -116,7 +116,7 @@ def sides_by_tile(
             if within is not None:
                 cells = cells.intersection(within)
             if cells.cells:
-                yield TileSides(work, first_groups, cells, resolution, room)
+                yield TileSides(work, first_groups, cells, settings, room)
 
     return count, tiles()
 

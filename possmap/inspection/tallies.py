@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from possmap.budget import Budget
 from possmap.core.evidence import findings
 from possmap.core.lattice import Window
 from possmap.core.plan import ExcursionPlan, plan_excursion
+from possmap.core.settings import EvidenceSettings
 from possmap.errors import plural, printable
 from possmap.grid.grid import Grid
 from possmap.grid.ledger import Entry
@@ -80,11 +82,16 @@ def sides(
     All are laid out again from the ledger, under the grid's settings and their models in force.
     """
     budget = budget or Budget()
-    settings = grid.settings
+    settings = _compared(grid.settings)
     plans, size = _plans(grid, entries, progress, budget)
     room = min(_MOST_KEPT, (budget.held - size) // 2)
-    count, tiles = sides_by_tile(plans, settings.resolution, window, room)
+    count, tiles = sides_by_tile(plans, settings, window, room)
     yield from progress(tiles, "tile", count)
+
+
+def _compared(settings: EvidenceSettings) -> EvidenceSettings:
+    """Return the settings under which sides are compared: by each one's strongest denial."""
+    return replace(settings, free_fusion="minimum", pass_weight=1.0)
 
 
 def _plans(
@@ -100,7 +107,7 @@ def _plans(
     size = records * _RECORD_BYTES + len(entries) * _EXCURSION_BYTES
     size += max((entry.records for entry in entries), default=0) * _LAID_OUT_BYTES
     budget.check_held(what, size, "give a smaller --window")
-    settings = grid.settings  # once: the file is asked for them each time
+    settings = _compared(grid.settings)  # once: the file is asked for them each time
     plans: list[ExcursionPlan] = []
     for entry in progress(entries, "excursion"):
         found = findings(grid.ledger.version(entry), entry.model, settings)

@@ -7,7 +7,7 @@ is coloured by their shares; one with N > Π, which no probability satisfies, ha
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import TypeAlias
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from possmap.core.evidence import Layer
 from possmap.core.fusion import necessity_of, possibility_of
 from possmap.core.patches import Crop
+from possmap.core.settings import FreeFusion
 from possmap.pictures import palettes
 from possmap.pictures.layers import Cells, Indices, by_bands, patches
 from possmap.pictures.palettes import Table
@@ -52,13 +53,13 @@ def _drawn(cells: Cells, raster: Raster) -> Indices:
     for patch in patches(cells, raster.window):
         for layer, whole, level in (
             (Layer.WALLS, n, _necessity),
-            (Layer.FREE, denied, _denial),
+            (Layer.FREE, denied, partial(_denial, cells.free_fusion)),
             (Layer.POINTS, point, _necessity),
         ):
             if layer in patch:
                 raise_to(whole, patch[layer], level)
         if Layer.WALLS in patch and Layer.FREE in patch:
-            both = _contradicted(patch[Layer.WALLS], patch[Layer.FREE])
+            both = _contradicted(patch[Layer.WALLS], patch[Layer.FREE], cells.free_fusion)
             if both is not None:
                 raise_to(crossed, both, lambda marks: marks.astype(np.uint8))
     index = _lookup()[denied, n]
@@ -69,18 +70,18 @@ def _drawn(cells: Cells, raster: Raster) -> Indices:
     return index
 
 
-def _contradicted(walls: Crop, free: Crop) -> Crop | None:
+def _contradicted(walls: Crop, free: Crop, free_fusion: FreeFusion) -> Crop | None:
     """Mark the cells of two layers with N > Π, or None if there are none."""
     shared = walls.window.intersection(free.window)
     if not shared.cells:
         return None
-    weights = walls.cells[shared.slices_in(walls.window)].astype(np.int64, copy=False)
-    denials = free.cells[shared.slices_in(free.window)].astype(np.uint16, copy=False)
+    weights = walls.cells[shared.slices_in(walls.window)]
+    denials = free.cells[shared.slices_in(free.window)]
     both = (weights != 0) & (denials != 0)
     if not both.any():
         return None
-    marks = np.zeros(shared.shape, dtype=np.uint16)
-    marks[both] = necessity_of(weights[both]) > possibility_of(denials[both])
+    marks = np.zeros(shared.shape, dtype=np.int64)
+    marks[both] = necessity_of(weights[both]) > possibility_of(denials[both], free_fusion)
     return Crop(shared, marks)
 
 
@@ -88,8 +89,8 @@ def _necessity(weights: Integers) -> Indices:
     return _eight_bits(necessity_of(weights.astype(np.int64, copy=False)))
 
 
-def _denial(denials: Integers) -> Indices:
-    return _eight_bits(1 - possibility_of(denials.astype(np.uint16, copy=False)))
+def _denial(free_fusion: FreeFusion, denials: Integers) -> Indices:
+    return _eight_bits(1 - possibility_of(denials.astype(np.int64, copy=False), free_fusion))
 
 
 def _eight_bits(value: NDArray[np.float64]) -> Indices:

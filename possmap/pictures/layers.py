@@ -10,12 +10,12 @@ from typing import Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from possmap.core import views
 from possmap.core.evidence import Layer
-from possmap.core.fusion import LayerArray, necessity_of, possibility_of
+from possmap.core.fusion import LayerArray, necessity_of
 from possmap.core.lattice import Window
 from possmap.core.patches import Crop, Patch, extent_of, spread
-from possmap.core.views import CellArray
+from possmap.core.settings import FreeFusion
+from possmap.core.views import NOTHING, CellArray, Readout
 from possmap.pictures.raster import Raster
 
 Indices: TypeAlias = NDArray[np.uint8]
@@ -28,6 +28,10 @@ UNKNOWN_INDEX = 255
 
 class Cells(Protocol):
     """Where the numbers of a grid come from: a file, or a film's memory."""
+
+    @property
+    def free_fusion(self) -> FreeFusion:
+        """What the numbers of the layer FREE mean."""
 
     def areas(self, window: Window) -> Iterator[Window]:
         """Yield windows, small enough for memory, that together hold all that is known."""
@@ -58,13 +62,13 @@ class PictureLayer:
     """A value to draw.
 
     title : for people.
-    value : of known cells, given their N, Π and N of singular points, and the base rate.
+    value : of known cells, given what they say and N of singular points, and the base rate.
     by_largest : whether a block of cells shows its largest value, or its smallest.
     low, high : what the ends of the scale mean.
     """
 
     title: str
-    value: Callable[[CellArray, CellArray, CellArray, float], CellArray]
+    value: Callable[[Readout, CellArray, float], CellArray]
     by_largest: bool
     low: str
     high: str
@@ -73,31 +77,39 @@ class PictureLayer:
 LAYERS: Mapping[str, PictureLayer] = MappingProxyType(
     {
         "necessity": PictureLayer(
-            "necessity of a wall (N)", lambda n, p, points, base: n, True, "no sign", "certain"
+            "necessity of a wall (N)",
+            lambda cells, points, base: cells.necessity,
+            True,
+            "no sign",
+            "certain",
         ),
         "possibility": PictureLayer(
-            "possibility of a wall", lambda n, p, points, base: p, False, "free", "possible"
+            "possibility of a wall",
+            lambda cells, points, base: cells.possibility,
+            False,
+            "free",
+            "possible",
         ),
         "ignorance": PictureLayer(
-            "ignorance: possibility - N",
-            lambda n, p, points, base: views.ignorance(n, p),
+            "ignorance: m(anything)",
+            lambda cells, points, base: cells.ignorance,
             False,
             "settled",
             "unknown",
         ),
         "conflict": PictureLayer(
-            "conflict K", lambda n, p, points, base: views.conflict(n, p), True, "none", "total"
+            "conflict K", lambda cells, points, base: cells.conflict, True, "none", "total"
         ),
         "probability": PictureLayer(
             "probability of a wall",
-            lambda n, p, points, base: views.probability(n, p, base),
+            lambda cells, points, base: cells.probability(base),
             True,
             "free",
             "wall",
         ),
         "points": PictureLayer(
             "necessity of a singular point",
-            lambda n, p, points, base: points,
+            lambda cells, points, base: points,
             True,
             "none",
             "certain",
@@ -115,8 +127,7 @@ def drawn(layer: PictureLayer, cells: Cells, raster: Raster, base_rate: float) -
 
 def drawn_gray(layer: PictureLayer, cells: Cells, raster: Raster, base_rate: float) -> Indices:
     """Return a layer as round(255·v), without a tone for what is unknown: numbers to read back."""
-    nothing, open_ = np.zeros(1), np.ones(1)
-    unknown = int(np.rint(255 * layer.value(nothing, open_, nothing, base_rate))[0])
+    unknown = int(np.rint(255 * layer.value(NOTHING, np.zeros(1), base_rate))[0])
     table = _level_of_rank(layer, 256, unknown)
     return by_bands(raster, lambda band: table[_ranks(layer, cells, band, base_rate, 256)])
 
@@ -154,13 +165,10 @@ def _ranks(
     found: NDArray[np.unsignedinteger] = np.zeros(raster.blocks, dtype=dtype)
     for patch in patches(cells, raster.window):
         window = extent_of(patch)
-        weights = spread(patch, Layer.WALLS, window).astype(np.int64, copy=False)
-        denials = spread(patch, Layer.FREE, window).astype(np.uint16, copy=False)
-        points = spread(patch, Layer.POINTS, window).astype(np.int64, copy=False)
+        weights, denials, points = (spread(patch, layer, window) for layer in Layer)
         known = (weights != 0) | (denials != 0) | (points != 0)
         value = layer.value(
-            necessity_of(weights[known]),
-            possibility_of(denials[known]),
+            Readout.of(weights[known], denials[known], cells.free_fusion),
             necessity_of(points[known]),
             base_rate,
         )

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 from literal.method import literal_grid, literal_half_widths
-from literal.teams import random_team
+from literal.teams import random_team, telling_of_turns, walls_settings
 from teams import ROBUST, cells, flat_settings, fuse, largest_difference, write_logs
 
+import possmap
 from possmap.core.correction import correct
 from possmap.core.estimators import at_start
 from possmap.core.propagation import propagate
@@ -42,6 +43,38 @@ def test_random_teams_fuse_to_what_the_literal_method_says(
         assert largest_difference(necessity, expected.necessity, 0.0) < 1e-4, number
         assert largest_difference(possibility, expected.possibility, 1.0) < 1e-4, number
         assert largest_difference(points, expected.points, 0.0) < 1e-4, number
+
+
+@pytest.mark.parametrize("group", range(GROUPS))
+def test_random_teams_whose_walls_measure_the_heading_fuse_as_the_literal_method_says(
+    group: int, tmp_path: Path
+) -> None:
+    """Estimator `walls`, Dempster's free space, discounts; N, Π, Bel, Pl and λ, in two steps."""
+    for number in range(group, TEAMS, GROUPS):
+        team, drawn = random_team(np.random.default_rng(number))
+        logs = telling_of_turns(team, number)
+        settings = {**drawn, **walls_settings(np.random.default_rng([number, 18]))}
+        grid = tmp_path / f"{number}.possmap"
+        paths = write_logs(tmp_path / str(number), logs)
+        fuse(paths[::2], grid, settings)
+        fuse(paths[1::2], grid, {})
+        expected = literal_grid(logs, settings)
+        necessity, possibility, points = cells(grid)
+        assert largest_difference(necessity, expected.necessity, 0.0) < 1e-4, number
+        assert largest_difference(possibility, expected.possibility, 1.0) < 1e-4, number
+        assert largest_difference(points, expected.points, 0.0) < 1e-4, number
+        with possmap.open_grid(grid) as opened:
+            window = opened.window
+            views = [opened.view(name) for name in ("belief", "plausibility", "pignistic_logit")]
+        for column, row in necessity.keys() | possibility.keys():
+            assert window is not None
+            at = row - window.row0, column - window.column0
+            belief, plausibility, logit = expected.readouts((column, row))
+            assert abs(views[0][at] - belief) < 2e-4, number
+            assert abs(views[1][at] - plausibility) < 2e-4, number
+            # Beside certainty a unit of 16 bits weighs much.
+            close = min(1e-2, 1e-3 * math.exp(abs(logit))) if abs(logit) < 6 else 16.0
+            assert abs(views[2][at] - logit) < max(1e-3, close), number
 
 
 @pytest.mark.parametrize("group", range(GROUPS))

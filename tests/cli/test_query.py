@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +56,7 @@ def test_a_point_is_told_with_every_view_and_every_kind_of_record(grid: Path) ->
     assert result.stdout == (
         "cell          row -11, column -21, centre (-1.025, -0.525) m\n"
         "wall          necessity 0.7500, possibility 0.5000: contradicted\n"
-        "ignorance     0.0000\n"
+        "ignorance     0.2000\n"
         "conflict      0.3750\n"
         "mass_wall     0.6000\n"
         "mass_free     0.2000\n"
@@ -88,15 +89,20 @@ def test_json_tells_the_same(grid: Path) -> None:
         {
             "necessity": 0.75,
             "possibility": 0.5,
-            "ignorance": 0.0,
+            "belief": 0.6,
+            "plausibility": 0.8,
+            "ignorance": 0.2,
+            "contested": 0.4,
             "conflict": 0.375,
             "mass_wall": 0.6,
             "mass_free": 0.2,
             "mass_unknown": 0.2,
             "probability": 2 / 3,
+            "pignistic": 0.7,
+            "pignistic_logit": math.log(0.7 / 0.3),
             "points": 0.5,
         },
-        abs=2e-5,
+        abs=1e-4,
     )
     assert [(one["seq"], one["kind"], one["says"]) for one in witnesses] == [
         (1, "wall", "wall"),

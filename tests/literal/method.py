@@ -1,4 +1,4 @@
-"""METHOD.md sections 0 to 3, read aloud for both estimators.
+"""METHOD.md sections 0 to 4, read aloud (estimator `walls` in `literal.walls`).
 
 Slow on purpose: plain doubles, one cell after the other, in the order in which the method is
 written down: correction (section 1), propagation (section 1), evidence (section 2), fusion
@@ -14,6 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from literal.walls import Pair, filtered
 
 Cell = tuple[int, int]
 Layer = dict[Cell, float]
@@ -31,6 +33,8 @@ DEFAULT_MODEL: Mapping[str, float] = {
     "drift_spread": 0.0,
     "scale": 1.0,
     "alignment_spread": 0.0,
+    "wall_noise": 0.045,
+    "wall_tilt": 4.5,
     "sensor": 0.0,
     "max_error": 1.0,
     "factor": 2.236,
@@ -42,11 +46,27 @@ ON_THE_RUN_M = 1e-9  # our reading of "where it lies on it": rounding must not c
 
 @dataclass(frozen=True)
 class LiteralGrid:
-    """The fused grid: N where > 0, Pi where < 1, and N of the layer of singular points."""
+    """The fused grid: N where > 0, Pi where < 1, and N of the layer of singular points.
+
+    for_wall, against : w and v of section 4, where > 0; a value of certainty weighs 16.
+    """
 
     necessity: dict[Cell, float]
     possibility: dict[Cell, float]
     points: dict[Cell, float]
+    for_wall: dict[Cell, float]
+    against: dict[Cell, float]
+
+    def readouts(self, cell: Cell) -> tuple[float, float, float]:
+        """Bel, Pl and lambda of section 4."""
+        w, v = self.for_wall.get(cell, 0.0), self.against.get(cell, 0.0)
+        # "computed after e^(-min(w, v)) is taken out of each term"
+        least = min(w, v)
+        d = math.exp(least - w) + math.exp(least - v) - math.exp(least - w - v)
+        belief = (1 - math.exp(-w)) * math.exp(least - v) / d
+        plausibility = math.exp(least - v) / d
+        logit = (w + math.log(1 - math.exp(-w) / 2)) - (v + math.log(1 - math.exp(-v) / 2))
+        return belief, plausibility, logit
 
 
 class PoseErrors(NamedTuple):
@@ -63,22 +83,36 @@ def literal_grid(logs: Sequence[JsonObject], settings: JsonObject) -> LiteralGri
     """Fuse decoded JSON ``logs``, with what they carry, under the flat ``settings`` of CLI.md."""
     shape = _shape(settings)
     independence = str(settings.get("independence", "detection"))
-    necessity: Layer = {}
-    possibility: Layer = {}
-    points: Layer = {}
+    power = _number(settings.get("certainty_power", 1.0))
+    share = _number(settings.get("pass_weight", 1.0))
+    by_dempster = settings.get("free_fusion", "minimum") == "dempster"
+    for_wall: Layer = {}
+    against: Layer = {}
+    for_point: Layer = {}
     for log in _longest_versions(logs):
         found = _evidence(log, _model_in_force(log, settings), shape)
-        for layer, detections in ((necessity, found.walls), (points, found.points)):
+        for layer, detections in ((for_wall, found.walls), (for_point, found.points)):
             for independent in _independent(detections, independence):
-                _reinforce(layer, independent)
-        for path in found.paths:
-            for cell, value in path.items():
-                # Section 3, free space: min over everything.
-                possibility[cell] = min(possibility.get(cell, 1.0), 1.0 - value)
+                for cell, value in independent.items():
+                    layer[cell] = layer.get(cell, 0.0) + _weight(_sixteen_bits(value) ** power)
+        # Section 3, free space: inside an excursion the maximum of the denials counts.
+        (denied,) = _independent(found.paths, "excursion")
+        for cell, denial in denied.items():
+            value = _sixteen_bits(denial)
+            if by_dempster:
+                against[cell] = against.get(cell, 0.0) + _weight(share * value)
+            else:  # "min over everything"
+                against[cell] = max(against.get(cell, 0.0), _weight(value))
     return LiteralGrid(
-        {cell: value for cell, value in necessity.items() if value > 0.0},
-        {cell: value for cell, value in possibility.items() if value < 1.0},
-        {cell: value for cell, value in points.items() if value > 0.0},
+        {cell: 1 - math.exp(-w) for cell, w in for_wall.items() if w > 0.0},
+        {
+            cell: 0.0 if v == 16.0 and not by_dempster else math.exp(-v)
+            for cell, v in against.items()
+            if v > 0.0
+        },
+        {cell: 1 - math.exp(-w) for cell, w in for_point.items() if w > 0.0},
+        for_wall,
+        against,
     )
 
 
@@ -91,8 +125,7 @@ def literal_half_widths(log: JsonObject, settings: JsonObject) -> list[PoseError
         return []
     errors = [_first_errors(poses[0])]
     places = [Point(poses[0].x, poses[0].y)]
-    legs = _corrected(_legs(records), model)
-    states = _propagated(legs, poses[0], model, _shape(settings).estimator)
+    legs, states = _laid_out(_legs(records), poses[0], model, _shape(settings))
     for leg, (_, _, turned) in zip(legs, states, strict=True):
         places.append(leg.last)
         errors.append(turned)
@@ -110,6 +143,8 @@ class _Shape:
     """The settings that are not parameters of the error model."""
 
     estimator: str
+    orthogonal: bool
+    axes: float
     resolution: float
     free_along_walls: bool
     free_along_beams: bool
@@ -120,6 +155,8 @@ class _Shape:
 def _shape(settings: JsonObject) -> _Shape:
     return _Shape(
         str(settings.get("estimator", "linear")),
+        bool(settings.get("orthogonal", False)),
+        _number(settings.get("axes", 0.0)),
         _number(settings.get("resolution", 0.05)),
         bool(settings.get("free_along_walls", False)),
         bool(settings.get("free_along_beams", False)),
@@ -197,6 +234,7 @@ class _Record:
     error_heading: float
     followed: bool
     hit: bool
+    raw: JsonObject
 
     @property
     def start(self) -> Point:
@@ -232,6 +270,7 @@ def _records(log: JsonObject) -> list[_Record]:
                 error_heading=_number(raw.get("error_heading", 0.0)),
                 followed=bool(raw.get("followed", True)),
                 hit=bool(raw.get("hit", True)),
+                raw=raw,
             )
         )
     return records
@@ -244,6 +283,7 @@ class _Leg:
     length, direction : of the run [m, rad]; a leg at standstill has length 0.
     logged_direction : the same before any correction [rad].
     turn : logged, in (-180, 180] [deg].
+    poses : the two records as logged.
     """
 
     first: Point
@@ -254,6 +294,7 @@ class _Leg:
     logged_direction: float
     turn: float
     seen: tuple[_Record, ...]
+    poses: tuple[JsonObject, JsonObject]
 
     @property
     def walls(self) -> list[_Record]:
@@ -294,6 +335,7 @@ def _legs(records: Iterable[_Record]) -> list[_Leg]:
                     logged_direction=math.atan2(dy, dx),
                     turn=_angle_difference(record.heading - pose.heading),
                     seen=tuple(seen),
+                    poses=(pose.raw, record.raw),
                 )
             )
         pose, seen = record, []
@@ -394,6 +436,52 @@ def _first_errors(pose: _Record) -> _Errors:
 
 
 _States = list[tuple[_Errors, _Errors, _Errors]]
+
+
+def _laid_out(
+    legs: Sequence[_Leg], first: _Record, model: Mapping[str, float], shape: _Shape
+) -> tuple[list[_Leg], _States]:
+    """Return the legs as corrected, and per leg the errors that `_propagated` returns."""
+    if shape.estimator != "walls":
+        corrected = _corrected(legs, model)
+        return corrected, _propagated(corrected, first, model, shape.estimator)
+    laid, _ = filtered([_pair(leg) for leg in legs], first.raw, model, shape.orthogonal, shape.axes)
+    moved, states = [], []
+    for leg, at in zip(legs, laid, strict=True):
+        start, end = Point(*at.start[0][:2].tolist()), Point(*at.end[0][:2].tolist())
+        direction = float(at.start[0][2]) if leg.standstill else at.direction
+        movement = _laying(
+            leg.first, 0.0 if leg.standstill else leg.direction, start, direction, at.stretch
+        )
+        moved.append(
+            replace(
+                leg,
+                first=start,
+                last=end,
+                length=abs(at.stretch) * leg.length,
+                direction=at.direction,
+                seen=tuple(record.moved(movement) for record in leg.seen),
+            )
+        )
+        before, after = (
+            _Errors(
+                model["factor"] * math.sqrt(max(0.0, p[0, 0])),
+                model["factor"] * math.sqrt(max(0.0, p[1, 1])),
+                _heading_half(p[2, 2], model),
+            )
+            for _, p in (at.start, at.end)
+        )
+        states.append((before, after, after._replace(heading=_heading_half(at.after[1], model))))
+    return moved, states
+
+
+def _heading_half(variance: float, model: Mapping[str, float]) -> float:
+    return min(90.0, math.degrees(model["factor"] * math.sqrt(max(0.0, variance))))
+
+
+def _pair(leg: _Leg) -> Pair:
+    walls = [(one.x, one.y, one.x2, one.y2, one.followed) for one in leg.walls]
+    return Pair(*leg.poses, leg.length, leg.direction, leg.turn, walls)
 
 
 def _propagated(
@@ -611,9 +699,8 @@ def _evidence(log: JsonObject, model: Mapping[str, float], shape: _Shape) -> _Fo
     records = _records(log)
     if not records:
         return found
-    legs = _corrected(_legs(records), model)
+    legs, states = _laid_out(_legs(records), records[0], model, shape)
     stamper = _Stamper(shape.resolution, model["max_error"])
-    states = _propagated(legs, records[0], model, shape.estimator)
     for leg, (at_first, after_run, _) in zip(legs, states, strict=True):
         start = _Rectangle(at_first.half_x, at_first.half_y)
         end = _Rectangle(after_run.half_x, after_run.half_y)
@@ -822,8 +909,11 @@ def _independent(detections: list[Layer], independence: str) -> list[Layer]:
     return [whole]
 
 
-def _reinforce(layer: Layer, independent: Layer) -> None:
-    """Add a layer by the probabilistic sum S(x, y) = x + y - xy."""
-    for cell, y in independent.items():
-        x = layer.get(cell, 0.0)
-        layer[cell] = x + y - x * y
+def _sixteen_bits(value: float) -> float:
+    """Section 3, Exact arithmetic: "floor(65535 N + 0.5)"."""
+    return math.floor(65535 * value + 0.5) / 65535
+
+
+def _weight(value: float) -> float:
+    """Return -ln(1 - value), which turns S(x, y) = x + y - xy into a sum; 16 of certainty."""
+    return 16.0 if value == 1.0 else -math.log(1 - value)

@@ -458,3 +458,52 @@ def _uniform(rng: np.random.Generator, low: float, high: float) -> float:
 def _pick(rng: np.random.Generator, options: Sequence[T]) -> T:
     """Draw one of ``options`` as it is; ``rng.choice`` would make a NumPy scalar of it."""
     return options[int(rng.integers(len(options)))]
+
+
+# --- What only the estimator `walls` reads ------------------------------------------------------
+
+
+def telling_of_turns(logs: Sequence[Log], seed: int) -> list[Log]:
+    """Return logs whose poses say whether they turned, or take no time; prefixes stay prefixes."""
+    told = copy.deepcopy(list(logs))
+    for log in told:
+        for version in (log, *log.get("carried", [])):
+            name = sum(map(ord, version["robot"] + version["excursion"]))
+            last, between = None, []
+            for record in version["records"]:
+                between.append(record)
+                if record["kind"] == "pose":
+                    if last is not None and record["heading"] != last["heading"]:
+                        draw = np.random.default_rng([seed, name, record["seq"]]).random()
+                        _tell(last, record, between, draw)
+                    last, between = record, []
+    return told
+
+
+def _tell(last: Log, pose: Log, between: Sequence[Log], draw: float) -> None:
+    stands = (pose["x"], pose["y"]) == (last["x"], last["y"])
+    if draw < 0.2:
+        pose["turned"] = True
+    elif draw < 0.35 and stands:
+        pose["turned"] = False
+    elif draw < 0.6 and "t" in last and not any("t" in record for record in between[:-1]):
+        pose["t"] = last["t"]  # what lies between stays: a shorter version may end there
+
+
+def walls_settings(rng: np.random.Generator) -> dict[str, Any]:
+    """Return settings for the estimator `walls`, and for what came with it."""
+    settings: dict[str, Any] = {"estimator": "walls"}
+    if rng.random() < 0.75:
+        settings["orthogonal"] = True
+        settings["axes"] = _pick(rng, [0.0, 0.0, 90.0, _uniform(rng, -180.0, 180.0)])
+    if rng.random() < 0.5:
+        settings["wall_noise"] = _uniform(rng, 0.0, 0.1)
+        settings["wall_tilt"] = _uniform(rng, 0.5, 8.0)
+    if rng.random() < 0.7:
+        settings["free_fusion"] = _pick(rng, ["minimum", "dempster", "dempster"])
+    settings["independence"] = _pick(rng, ["detection", "excursion", "excursion"])
+    if settings["independence"] == "excursion":
+        settings["certainty_power"] = _pick(rng, [1.0, 1.5, 2.0])
+        if settings.get("free_fusion") == "dempster":
+            settings["pass_weight"] = _pick(rng, [1.0, 0.5, _uniform(rng, 0.1, 1.0)])
+    return settings

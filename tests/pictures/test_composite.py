@@ -15,6 +15,7 @@ from possmap.core.evidence import Layer
 from possmap.core.fusion import UNIT, LayerArray
 from possmap.core.lattice import Window, joined, tiles_of
 from possmap.core.pyramid import FULL
+from possmap.core.settings import FreeFusion
 from possmap.pictures import compose, composite
 from possmap.pictures.compose import Scene
 from possmap.pictures.raster import Raster
@@ -33,10 +34,12 @@ LEVELS = np.linspace(0, 1, 64)
 class Ramps:
     """Cells whose N grows with x and whose denial with y; singular points where asked."""
 
+    free_fusion: FreeFusion = "minimum"
+
     def __init__(self, points: float = 0.0) -> None:
         shares = np.minimum(LEVELS, 1 - np.exp(-16))
         self.weights = np.tile(np.rint(-np.log1p(-shares) * UNIT).astype(np.int64), (64, 1))
-        self.denials = np.tile(np.rint(LEVELS * FULL).astype(np.uint16)[:, None], (1, 64))
+        self.denials = np.tile(np.rint(LEVELS * FULL).astype(np.int64)[:, None], (1, 64))
         self.points = np.full((64, 64), round(-np.log1p(-points) * UNIT), dtype=np.int64)
 
     def areas(self, window: Window) -> Iterator[Window]:

@@ -15,6 +15,7 @@ from possmap.core.evidence import Layer
 from possmap.core.fusion import CERTAIN, LayerArray, blank
 from possmap.core.lattice import Window, joined, tiles_of
 from possmap.core.pyramid import FULL
+from possmap.core.settings import FreeFusion
 from possmap.pictures import compose, raster
 from possmap.pictures.compose import Scene
 
@@ -28,6 +29,7 @@ class Sketch:
     walls: dict[Place, int] = field(default_factory=dict)
     free: dict[Place, int] = field(default_factory=dict)
     points: dict[Place, int] = field(default_factory=dict)
+    free_fusion: FreeFusion = "minimum"
 
     def areas(self, window: Window) -> Iterator[Window]:
         """Yield the window in tiles, whether they hold anything or not."""

@@ -18,7 +18,7 @@ from possmap.core.evidence import Layer
 from possmap.core.fusion import LayerArray, TileLayers, blank, fuse_tile, merged
 from possmap.core.lattice import TileKey
 from possmap.core.plan import ExcursionPlan, by_tile
-from possmap.core.settings import EvidenceSettings
+from possmap.core.settings import EvidenceSettings, FreeFusion
 from possmap.errors import WorkerError
 from possmap.fusing.cluster.names import as_given
 from possmap.fusing.stages import (
@@ -98,21 +98,24 @@ class Partial:
     the narrowest type: three times as many bytes as ``encode`` makes, in a fifth of the time.
     """
 
-    def __init__(self, tiles: dict[TileKey, TileLayers]) -> None:
-        self.tiles = tiles
+    def __init__(self, tiles: dict[TileKey, TileLayers], free_fusion: FreeFusion) -> None:
+        self.tiles, self.free_fusion = tiles, free_fusion
 
     def __sizeof__(self) -> int:
         """Return bytes."""
         return sum(array.nbytes for layers in self.tiles.values() for array in layers.values())
 
-    def __getstate__(self) -> list[tuple[TileKey, Layer, Bits, Numbers]]:
-        return [
+    def __getstate__(self) -> tuple[FreeFusion, list[tuple[TileKey, Layer, Bits, Numbers]]]:
+        return self.free_fusion, [
             (key, layer, *_told(array))
             for key, layers in self.tiles.items()
             for layer, array in layers.items()
         ]
 
-    def __setstate__(self, packed: list[tuple[TileKey, Layer, Bits, Numbers]]) -> None:
+    def __setstate__(
+        self, state: tuple[FreeFusion, list[tuple[TileKey, Layer, Bits, Numbers]]]
+    ) -> None:
+        self.free_fusion, packed = state
         self.tiles = {}
         for key, layer, bits, numbers in packed:
             whole = blank(layer)
@@ -203,15 +206,17 @@ def stamp_held(task: bytes, *held: Held) -> Partial:
                 raise WorkerError("a log changed while it was fused")
             plans.append(plan.among(keys))
     _, works = by_tile(plans)
-    return Partial({work.key: fuse_tile(work, {}, settings) for work in works})
+    return Partial(
+        {work.key: fuse_tile(work, {}, settings) for work in works}, settings.free_fusion
+    )
 
 
 def merge(one: Partial, other: Partial) -> Partial:
     """Return what two partial results say together; neither is changed."""
     tiles = dict(one.tiles)
     for key, layers in other.tiles.items():
-        tiles[key] = merged(tiles.get(key, {}), layers)
-    return Partial(tiles)
+        tiles[key] = merged(tiles.get(key, {}), layers, one.free_fusion)
+    return Partial(tiles, one.free_fusion)
 
 
 def finish(task: bytes, partial: Partial) -> bytes:
@@ -231,7 +236,8 @@ def finish(task: bytes, partial: Partial) -> bytes:
     found: list[TileResult] = []
     for key, layers in sorted(partial.tiles.items()):
         held = unpacked(key, stored.get(key, {}))
-        whole = merged({layer: held[layer] for layer in layers if layer in held}, layers)
+        known = {layer: held[layer] for layer in layers if layer in held}
+        whole = merged(known, layers, partial.free_fusion)
         packed = {layer: encode(layer, key, array) for layer, array in whole.items()}
         found.append(TileResult(key, packed))
     return pack(found)

@@ -7,12 +7,10 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from possmap.core.correction import correct
-from possmap.core.estimators import at_start
+from possmap.core.estimators import estimate
 from possmap.core.model import ErrorModel
-from possmap.core.propagation import propagate
 from possmap.core.records import Pose
-from possmap.core.settings import Estimator
+from possmap.core.settings import Estimator, EvidenceSettings
 from possmap.core.track import stretches
 from possmap.lab.calibrate.pieces import Outing
 from possmap.lab.calibrate.results import LegScore
@@ -89,8 +87,8 @@ def _one(
         Pose(k, None, float(x[k]), float(y[k]), float(leg.logged[k, 2] + turn), *_errors(k, start))
         for k in range(len(x))
     ]
-    track = correct(stretches(poses), model)
-    errors = propagate(at_start(poses[0], estimator), track, model)
+    settings = EvidenceSettings(estimator=estimator)
+    _, track, errors, _ = estimate(poses[0], stretches(poses), model, settings)
     held = [
         abs(leg.true[k, 0] - one.end[0]) <= error.end.half_x + 1e-9
         and abs(leg.true[k, 1] - one.end[1]) <= error.end.half_y + 1e-9

@@ -8,12 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from possmap.core.correction import correct
-from possmap.core.estimators import at_start
+from possmap.core.estimators import estimate
 from possmap.core.model import ErrorModel
-from possmap.core.propagation import propagate
 from possmap.core.records import Pose
-from possmap.core.settings import Estimator
+from possmap.core.settings import Estimator, EvidenceSettings
 from possmap.core.track import stretches
 from possmap.lab.calibrate.trials import Floats, Trial
 
@@ -74,8 +72,8 @@ def _one(
         poses = [Pose(k, None, 0.0, 0.0, trial.turn * (k / parts - 1)) for k in range(parts + 1)]
     if trial.distance > 0:
         poses.append(Pose(len(poses), None, trial.distance, 0.0, trial.bend))
-    track = correct(stretches(poses), model)
-    end, last = track[-1], propagate(at_start(poses[0], estimator), track, model)[-1]
+    found = estimate(poses[0], stretches(poses), model, EvidenceSettings(estimator=estimator))
+    end, last = found.stretches[-1], found.errors[-1]
     error = [math.nan, math.nan, math.nan]
     half = [math.nan, math.nan, math.nan]
     if trial.is_run:

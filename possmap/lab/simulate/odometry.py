@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from possmap.core.correction import Believed, advance
 from possmap.core.estimators import at_start
 from possmap.core.model import ErrorModel
-from possmap.core.propagation import PoseError, after_stretch
+from possmap.core.propagation import CarriedError, after_stretch
 from possmap.core.records import Pose, Sighting
 from possmap.core.settings import Estimator
 from possmap.core.track import Stretch
@@ -25,7 +25,7 @@ class Belief:
 
     logged: Pose
     corrected: Believed
-    error: PoseError
+    error: CarriedError
 
     @property
     def heading(self) -> float:
@@ -42,7 +42,8 @@ class Belief:
         numbered = tuple(enumerate(seen))
         stretch = Stretch.between(self.logged, pose, len(seen), numbered)
         corrected, laid = advance(self.corrected, stretch, model)
-        return Belief(pose, corrected, after_stretch(self.error, laid, model).after)
+        error, _ = after_stretch(self.error, laid, model)
+        return Belief(pose, corrected, error)
 
 
 def setting_out(pose: Pose, estimator: Estimator = "linear") -> Belief:
