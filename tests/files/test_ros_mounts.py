@@ -13,7 +13,7 @@ from possmap.errors import RecordingError, SettingsError
 from possmap.lab.convert.samples import Mount, joined
 from possmap.lab.convert.tally import Tally
 from possmap.lab.recordings.mapping import Mapping, Table
-from possmap.lab.recordings.mapping_yaml import read_mapping
+from possmap.lab.recordings.mapping_file import read_mapping
 from possmap.lab.recordings.rosbag.frames import FAR, OTHER_BODY, TILTED, UNKNOWN, UNREADABLE
 from possmap.lab.recordings.rosbag.recording import open_bag
 from possmap.lab.recordings.rosbag.topics import table_of
@@ -149,7 +149,7 @@ def test_a_mapping_says_it_too(tmp_path: Path) -> None:
     [
         (
             "format: ros\ntables: [{topic: /s, mount: {x: 11}}]",
-            'x, found "11", expected at most 10',
+            'mount.x, found "11", expected a number, -10 to 10',
         ),
         ("format: ros\ntables: [{topic: /s, mount: {angle: 3}}]", "angle"),
         ("format: ros\ntables: [{topic: /s, columns: {x: a}, mount: {x: 1}}]", "without columns"),

@@ -95,7 +95,7 @@ FILES: tuple[Case, ...] = (
         "mapping",
         "a.yaml",
         text("format: csv\ntables: [&t {file: a}", ", *t" * 1000, "]"),
-        "2: tables, found a list, expected at most 100",
+        "2: tables, found 1001, expected at most 100",
     ),
     Case(
         "an image of 10^10 pixels",

@@ -11,10 +11,11 @@ from typing import Literal, TypeAlias
 from possmap.errors import RecordingError, printable
 from possmap.lab.recordings.carmen import PoseOf, looks_like, open_carmen
 from possmap.lab.recordings.mapping import Mapping, Table
-from possmap.lab.recordings.mapping_yaml import find_mapping, known_mappings, read_mapping
+from possmap.lab.recordings.mapping_file import FOLDER, find_mapping, read_mapping
 from possmap.lab.recordings.recording import Recording
 from possmap.lab.recordings.stream import head_of
 from possmap.lab.recordings.tables import open_tables
+from possmap.settings.shipped import shipped_names
 
 __all__ = ["FORMATS", "Recording", "Source", "find_mapping", "open_recordings", "read_mapping"]
 
@@ -77,8 +78,8 @@ def _open(path: Path, source: Source) -> Recording:
     if mapping is None:
         raise RecordingError(
             str(path),
-            f"its columns are not mapped, expected --mapping FILE or one of those that possmap "
-            f"ships: {', '.join(known_mappings())}",
+            "its columns are not mapped, expected --mapping FILE or one of those that possmap "
+            f"ships: {', '.join(shipped_names(FOLDER))}",
         )
     return open_tables([path], mapping, source.beams)
 

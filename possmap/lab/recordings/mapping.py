@@ -9,27 +9,14 @@ import math
 from collections.abc import Mapping as MappingABC
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Literal, TypeAlias, get_args
 
 from possmap.lab.convert.samples import Mount
 
-ROLES: MappingABC[str, str] = MappingProxyType(
-    {
-        "t": "time",
-        "x": "place",
-        "y": "place",
-        "yaw": "heading of the body",
-        "qx": "heading of the body, as a quaternion",
-        "qy": "heading of the body, as a quaternion",
-        "qz": "heading of the body, as a quaternion",
-        "qw": "heading of the body, as a quaternion",
-        "vx": "velocity along x, to check the place with",
-        "vy": "velocity along y, to check the place with",
-        "forward": "speed ahead, to compute the place from",
-        "turn": "rate of turn, to compute the place from",
-        "left": "ticks of the left wheel, to compute the place from",
-        "right": "ticks of the right wheel, to compute the place from",
-    }
-)
+Role: TypeAlias = Literal[
+    "t", "x", "y", "yaw", "qx", "qy", "qz", "qw", "vx", "vy", "forward", "turn", "left", "right"
+]
+ROLES: tuple[str, ...] = get_args(Role)
 
 UNITS: MappingABC[str, MappingABC[str, float]] = MappingProxyType(
     {

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from possmap.core.model import LARGEST
+from possmap.core.ranges import LARGEST
 from possmap.errors import RecordingError
 from possmap.lab.convert.guard import JumpGuard
 from possmap.lab.convert.samples import Flags, Floats, unwrapped

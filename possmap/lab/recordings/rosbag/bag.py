@@ -9,13 +9,10 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from stat import S_ISDIR, S_ISREG
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from possmap.errors import RecordingError, printable, shown
-from possmap.lab.recordings.rosbag.checks import check_metadata
-from possmap.lab.recordings.rosbag.definitions import LONGEST_LIST, check_text, check_types
-from possmap.lab.recordings.rosbag.fields import Fields, short
-from possmap.lab.recordings.rosbag.unpack import bound_ros1, bounded_ros2
+from possmap.lab.recordings.rosbag.untrusted import check_files, check_text, check_types
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -26,19 +23,20 @@ if TYPE_CHECKING:
 Decoder: TypeAlias = Callable[[bytes], object]
 """Makes a message of its bytes; anything may go wrong."""
 
-_ROS1, _SQLITE, _MCAP, _ZSTD = (
-    b"#ROSBAG V",
-    b"SQLite format 3\0",
-    b"\x89MCAP0\r\n",
-    b"\x28\xb5\x2f\xfd",
-)
-_KINDS = "a ROS 1 .bag, a ROS 2 .db3 or .mcap, or a ROS 2 bag's folder with its metadata.yaml"
-_SUFFIX = {_SQLITE: ".db3", _MCAP: ".mcap"}
+STUBBORN = 100
+"""So many messages in a row that cannot be read, and none can."""
+
+_LOOKED_AT = 10  # messages, to see what the others will be like
+_LONGEST_LIST = 1_000_000  # in a message; the scan of a laser has some thousands of readings
 _LONGEST_DETAIL = 160
+_ROS1, _SQLITE, _MCAP = b"#ROSBAG V", b"SQLite format 3\0", b"\x89MCAP0\r\n"
+_ZSTD = b"\x28\xb5\x2f\xfd"
+_SUFFIX = {_SQLITE: ".db3", _MCAP: ".mcap"}
+_KINDS = "a ROS 1 .bag, a ROS 2 .db3 or .mcap, or a ROS 2 bag's folder with its metadata.yaml"
 _PREFIX = re.compile(r"^(Cannot open database|Could not load YAML from) .*?: ")
 _STUMBLES = (
-    AssertionError, AttributeError, IndexError, KeyError, OverflowError, RecursionError,
-    TypeError, struct.error,
+    AssertionError, AttributeError, LookupError, OverflowError, RecursionError, TypeError,
+    struct.error,
 )  # fmt: skip
 
 
@@ -58,10 +56,10 @@ class Topic:
 class Bag:
     """A bag that is open; made by ``opened``."""
 
-    def __init__(self, path: Path, reader: Reader1 | Reader2, two: bool) -> None:
+    def __init__(self, path: Path, reader: Reader1 | Reader2, kind: bytes) -> None:
         self.path = path
         self._reader = reader
-        self._two = two
+        self._kind = kind
 
     def topics(self) -> dict[str, Topic]:
         """Return its topics by name. Of a topic with several types the most frequent counts."""
@@ -75,8 +73,8 @@ class Bag:
                 topics[name] = Topic(name, type_, frozenset(one.id for one in those), count)
         return topics
 
-    def decoder(self, topic: Topic) -> tuple[Fields, Decoder]:
-        """Return what a topic's messages consist of, and what makes messages of bytes.
+    def decoder(self, topic: Topic) -> Decoder:
+        """Return what makes messages of a topic's bytes.
 
         Raises
         ------
@@ -84,32 +82,52 @@ class Bag:
             If the bag does not tell, or not in a way that can be understood.
         """
         connection = next(one for one in self._reader.connections if one.id in topic.ids)
+        place, type_ = f"topic {printable(topic.name)}", short(topic.type)
         form = getattr(connection.ext, "serialization_format", "cdr")
         if form != "cdr":
-            raise RecordingError(
-                str(self.path),
-                f"topic {printable(topic.name)}: found messages written as {shown(form)}, "
-                'expected "cdr"',
-            )
+            problem = f'{place}: found messages written as {shown(form)}, expected "cdr"'
+            raise RecordingError(str(self.path), problem)
         try:
             store = _store(connection)
             _ = store and store.get_msgdef(topic.type)  # compiled now, so that faults show
         except Exception as error:  # the parsers have many ways to fail on what they do not know
-            raise RecordingError(
-                str(self.path),
-                f"topic {printable(topic.name)}: the definition of {short(topic.type)} cannot be "
-                f"understood: {_detail(error)}",
-            ) from error
+            problem = f"{place}: the definition of {type_} cannot be understood: {_detail(error)}"
+            raise RecordingError(str(self.path), problem) from error
         if store is None:
             raise RecordingError(
                 str(self.path),
-                f"topic {printable(topic.name)}: the bag does not say what {short(topic.type)} "
-                "consists of, and it is no standard type; expected a bag with message "
-                "definitions, such as an .mcap",
+                f"{place}: the bag does not say what {type_} consists of, and it is no standard "
+                "type; expected a bag with message definitions, such as an .mcap",
             )
-        read = store.deserialize_cdr if self._two else store.deserialize_ros1
-        fields = Fields(str(self.path), topic.name, topic.type, store.fielddefs)
-        return fields, lambda data: read(data, topic.type)
+        read = store.deserialize_ros1 if self._kind == _ROS1 else store.deserialize_cdr
+        return lambda data: read(data, topic.type)
+
+    def first(self, topic: Topic, decode: Decoder) -> list[Any]:
+        """Return the first messages of a topic that can be read, at least one.
+
+        Raises
+        ------
+        RecordingError
+            If there is none.
+        """
+        found: list[Any] = []
+        failed = 0
+        fault: Exception | None = None
+        for _, _, data in self.messages(topic.ids):
+            try:
+                found.append(decode(data))
+            except Exception as error:  # of rosbags alone: damaged bytes can lead it anywhere
+                fault = error
+                failed += 1
+            if len(found) == _LOOKED_AT or failed == STUBBORN:
+                break
+        if not found:
+            raise RecordingError(
+                str(self.path),
+                f"topic {shown(topic.name)}: no message can be read, "
+                f"expected {short(topic.type)}" + (f" ({failed} tried)" if failed else ""),
+            ) from fault
+        return found
 
     def messages(self, ids: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
         """Yield connection, the bag's time [ns] and bytes of the messages, in the bag's order.
@@ -123,26 +141,27 @@ class Bag:
         wanted = [one for one in self._reader.connections if one.id in ids]
         if not wanted:  # which would mean all of them to rosbags
             return
-        stream: Iterator[tuple[Connection, int, bytes]] = iter(())
-        started = False
+        for connection, stamp, data in self._found(wanted):
+            if not isinstance(stamp, int):  # a database holds whatever was put into it
+                problem = f"damaged: the time of a message, found {shown(stamp)}"
+                raise RecordingError(str(self.path), problem)
+            if connection.id not in ids:
+                problem = f"damaged: the index leads to topic {shown(connection.topic)}"
+                raise RecordingError(str(self.path), problem)
+            yield connection.id, stamp, data
+
+    def _found(self, wanted: list[Connection]) -> Iterator[tuple[Connection, int, bytes]]:
+        """Yield what rosbags does; only its own errors are taken for damage of the bag."""
+        stream: Iterator[tuple[Connection, int, bytes]] | None = None
         while True:
             try:
-                if not started:
-                    stream, started = self._reader.messages(connections=wanted), True
+                stream = self._reader.messages(connections=wanted) if stream is None else stream
                 item = next(stream, None)
-            except Exception as error:  # of lz4, bz2, zstd, apsw, struct, and plain assertions
+            except Exception as error:  # of lz4, bz2, zstd, SQLite, struct, and plain assertions
                 raise RecordingError(str(self.path), f"damaged: {_detail(error)}") from error
             if item is None:
                 return
-            connection, stamp, data = item
-            if not isinstance(stamp, int):  # a database holds whatever was put into it
-                raise RecordingError(
-                    str(self.path), f"damaged: the time of a message, found {shown(stamp)}"
-                )
-            if connection.id not in ids:
-                found = shown(connection.topic)
-                raise RecordingError(str(self.path), f"damaged: the index leads to topic {found}")
-            yield connection.id, stamp, data
+            yield item
 
 
 @contextmanager
@@ -162,29 +181,28 @@ def opened(path: Path) -> Iterator[Bag]:
         raise RecordingError(
             str(path), "to read ROS bags, rosbags is needed: pip install 'possmap[ros]'"
         ) from error
+    reader: Reader1 | Reader2 | None = None
     try:
-        reader: Reader1 | Reader2 = Reader1(path) if kind == _ROS1 else Reader2(path)
-        if not kind:
-            check_metadata(path / "metadata.yaml")
-        with bounded_ros2():
+        try:
+            if kind in (_SQLITE, b""):
+                check_files(path)
+            reader = Reader1(path) if kind == _ROS1 else Reader2(path)
             reader.open()
-    except OSError as error:
-        problem = f"cannot be read: {error.strerror or _detail(error)}"
-        raise RecordingError(str(path), problem) from error
-    except Exception as error:  # as above; a damaged file can lead rosbags anywhere
-        raise RecordingError(str(path), _unopened(path, kind, error)) from error
-    try:
-        if isinstance(reader, Reader1):
-            bound_ros1(reader)
+        except OSError as error:
+            problem = f"cannot be read: {error.strerror or _detail(error)}"
+            raise RecordingError(str(path), problem) from error
+        except Exception as error:  # as above; a damaged file can lead rosbags anywhere
+            raise RecordingError(str(path), _unopened(path, kind, error)) from error
         for one in reader.connections:  # of a YAML file or a database, that hold whatever they do
             if [type(what) for what in (one.topic, one.msgtype, one.msgcount)] != [str, str, int]:
                 problem = f"cannot be read as a bag: found a topic {shown(one.topic)} of type "
                 problem += f"{shown(one.msgtype)} with {shown(one.msgcount)} messages"
                 raise RecordingError(str(path), problem)
-        yield Bag(path, reader, kind != _ROS1)
+        yield Bag(path, reader, kind)
     finally:
-        with suppress(Exception):  # of a file that is only read, nothing can be lost
-            reader.close()
+        if reader is not None:
+            with suppress(Exception):  # of a file that is only read, nothing can be lost
+                reader.close()
 
 
 def size_of(path: Path) -> int:
@@ -194,6 +212,11 @@ def size_of(path: Path) -> int:
     return path.stat().st_size
 
 
+def short(type_: str) -> str:
+    """Return a type's name as people say it: ``nav_msgs/Odometry``."""
+    return printable(type_.replace("/msg/", "/"))
+
+
 def _kind(path: Path) -> bytes:
     """Return how the bag's file begins; empty for a folder."""
     if "\0" in str(path):
@@ -201,33 +224,27 @@ def _kind(path: Path) -> bytes:
     try:
         mode = path.stat().st_mode
         if S_ISDIR(mode):
-            if not (path / "metadata.yaml").is_file():
-                raise RecordingError(
-                    str(path),
-                    f"a folder without metadata.yaml, expected {_KINDS}; "
-                    "if it is a bag, run `ros2 bag reindex` on it",
-                )
-            return b""
+            if (path / "metadata.yaml").is_file():
+                return b""
+            problem = f"a folder without metadata.yaml, expected {_KINDS}; "
+            problem += "if it is a bag, run `ros2 bag reindex` on it"
+            raise RecordingError(str(path), problem)
         if not S_ISREG(mode):  # opening a FIFO would wait for ever
             raise RecordingError(str(path), f"not a regular file, expected {_KINDS}")
         with path.open("rb") as stream:
             head = stream.read(16)
     except OSError as error:
         raise RecordingError(str(path), f"cannot be read: {error.strerror or error}") from error
-    if not head:
-        raise RecordingError(str(path), f"is empty, expected {_KINDS}")
-    if head.startswith(_ZSTD):
-        raise RecordingError(
-            str(path), "compressed as a whole, expected the bag's folder with its metadata.yaml"
-        )
     kind = next((one for one in (_ROS1, _SQLITE, _MCAP) if head.startswith(one)), None)
     if kind is None:
-        raise RecordingError(str(path), f"not a ROS bag, expected {_KINDS}")
+        problem = f"not a ROS bag, expected {_KINDS}" if head else f"is empty, expected {_KINDS}"
+        if head.startswith(_ZSTD):
+            problem = "compressed as a whole, expected the bag's folder with its metadata.yaml"
+        raise RecordingError(str(path), problem)
     suffix = _SUFFIX.get(kind, path.suffix)
     if path.suffix != suffix:  # by which rosbags tells them apart
-        raise RecordingError(
-            str(path), f"found a name ending in {shown(path.suffix)}, expected {suffix}"
-        )
+        problem = f"found a name ending in {shown(path.suffix)}, expected {suffix}"
+        raise RecordingError(str(path), problem)
     return kind
 
 
@@ -273,7 +290,10 @@ def _detail(error: Exception) -> str:
 
 
 def _store(connection: Connection) -> Typestore | None:
-    """Return a store with the types of a connection's messages; None if nobody knows them."""
+    """Return a store with the types of a connection's messages; None if nobody knows them.
+
+    Of this topic alone (docs/decisions): what nobody reads need not be understood.
+    """
     from rosbags.interfaces import MessageDefinitionFormat as Form
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
@@ -282,7 +302,7 @@ def _store(connection: Connection) -> Typestore | None:
     if connection.msgdef.format == Form.NONE:
         # Bags tell their types since ROS 2 Iron, which also changed some of them.
         store = get_typestore(Stores.ROS2_HUMBLE)
-        store.max_sequence_length = LONGEST_LIST
+        store.max_sequence_length = _LONGEST_LIST
         return store if connection.msgtype in store.fielddefs else None
     types = {}
     if connection.msgdef.format == Form.MSG:
@@ -294,6 +314,6 @@ def _store(connection: Connection) -> Typestore | None:
             types.update(get_types_from_idl(part.split("\n", 1)[1]))
     check_types(types)
     store = get_typestore(Stores.EMPTY)
-    store.max_sequence_length = LONGEST_LIST
+    store.max_sequence_length = _LONGEST_LIST
     store.register(types)
     return store

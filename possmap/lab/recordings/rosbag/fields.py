@@ -4,36 +4,33 @@ from __future__ import annotations
 
 import operator
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass
 from keyword import iskeyword
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
+
+import numpy as np
 
 from possmap.errors import RecordingError, did_you_mean, printable, shown
-
-if TYPE_CHECKING:
-    from rosbags.interfaces.typing import FieldDesc
+from possmap.lab.recordings.rosbag.bag import short
 
 Getter: TypeAlias = Callable[[object], Any]
 """Takes a value out of a message."""
 
 _STEP = re.compile(r"\.?([A-Za-z]\w*)|\[(\d{1,9})\]", re.ASCII)
-_BASE, _NAME, _ARRAY, _SEQUENCE = 1, 2, 3, 4  # rosbags.interfaces.Nodetype
 _MOST_LISTED = 30
 
 
 @dataclass(frozen=True, slots=True)
 class Fields:
-    """What the messages of one topic consist of.
+    """What the messages of one topic consist of, as one of them shows.
 
-    place : the bag, for messages. topic, type : names.
-    known : type -> constants and fields, as a store of rosbags has them.
+    place : the bag, for messages to the user. topic : its name.
     """
 
     place: str
     topic: str
-    type: str
-    known: Mapping[str, tuple[Any, Sequence[tuple[str, FieldDesc]]]]
+    message: object
 
     def number(self, path: str) -> Getter:
         """Return what takes the number at a path out of a message; a time in seconds.
@@ -41,18 +38,18 @@ class Fields:
         Raises
         ------
         RecordingError
-            If the type has no such field, or it is no number.
+            If the message has no such field, or it is no number.
         """
-        found, get = self._walk(path)
-        if found[0] == _BASE and "string" not in str(found[1][0]):
+        value, get = self._walk(path)
+        if isinstance(value, (int, float, np.generic)):
             return get
-        if self._is_time(found):
+        if _is_time(value):
             return lambda message: _seconds(get(message))
-        raise self._not(path, found, "a number")
+        raise self._not(path, value, "a number")
 
     def is_time(self, path: str) -> bool:
         """Whether a time of seconds and nanoseconds stands at a path."""
-        return self._is_time(self._walk(path)[0])
+        return _is_time(self._walk(path)[0])
 
     def numbers(self, path: str) -> Getter:
         """Return what takes the list of numbers at a path out of a message.
@@ -60,114 +57,113 @@ class Fields:
         Raises
         ------
         RecordingError
-            If the type has no such field, or it is no list of numbers.
+            If the message has no such field, or it is no list of numbers.
         """
-        found, get = self._walk(path)
-        inner: Any = found[1][0]  # a letter, of anything but a list
-        if found[0] in (_ARRAY, _SEQUENCE) and inner[0] == _BASE and inner[1][0] != "string":
+        value, get = self._walk(path)
+        if isinstance(value, np.ndarray):
             return get
-        raise self._not(path, found, "a list of numbers")
+        raise self._not(path, value, "a list of numbers")
 
     def stamp(self) -> Getter | None:
         """Return what takes the header's time [s] out of a message; None if it has none."""
-        header = dict(self.known[self.type][1]).get("header")
-        if header is None or header[0] != _NAME:
-            return None
-        stamp = dict(self.known[str(header[1])][1]).get("stamp")
-        if stamp is None or not self._is_time(stamp):
-            return None
+        stamp = getattr(getattr(self.message, "header", None), "stamp", None)
         get = operator.attrgetter("header.stamp")
-        return lambda message: _seconds(get(message))
+        return (lambda message: _seconds(get(message))) if _is_time(stamp) else None
 
-    def top(self) -> str:
-        """Return the fields of the type, to be shown."""
-        return self._listed(self.type)
-
-    def _walk(self, path: str) -> tuple[FieldDesc, Getter]:
+    def _walk(self, path: str) -> tuple[Any, Getter]:
         """Return what stands at a path, and what takes it out of a message."""
-        at: Any = (_NAME, self.type)
-        steps: list[Getter] = []
+        value: Any = self.message
+        steps: list[str | int] = []
         end = 0
         while end < len(path):
             step = _STEP.match(path, end)
             if step is None:
-                raise self._not(path, at, "a path such as pose.pose.position.x or raw[0]")
+                raise self._not(path, value, "a path such as pose.pose.position.x or raw[0]")
             end = step.end()
             name, index = step.groups()
+            if name is None and not isinstance(value, (list, np.ndarray)):
+                raise self._not(path, value, f"a list before [{index}]")
+            if name is None and int(index) >= len(value):
+                expected = f"an index below {len(value)}, as in the first message"
+                raise self._not(path, value, expected)
             if name is not None:
-                at = self._member(path, at, name)
-                steps.append(operator.attrgetter(f"{name}_" if iskeyword(name) else name))
-            else:
-                if at[0] not in (_ARRAY, _SEQUENCE):
-                    raise self._not(path, at, f"a list before [{index}]")
-                if at[0] == _ARRAY and int(index) >= at[1][1]:
-                    raise self._not(path, at, f"an index below {at[1][1]}")
-                at = at[1][0]
-                steps.append(_item(int(index)))
-        return at, _chained(path, steps)
+                self._check_member(path, value, name)
+            one = int(index) if name is None else f"{name}_" if iskeyword(name) else name
+            steps.append(one)
+            value = value[one] if isinstance(one, int) else getattr(value, one)
+        return value, _chained(steps)
 
-    def _member(self, path: str, at: Any, name: str) -> FieldDesc:
-        if at[0] != _NAME:
-            raise self._not(path, at, f"a message before .{name}")
-        fields = dict(self.known[at[1]][1])
-        if name not in fields:
+    def _check_member(self, path: str, value: Any, name: str) -> None:
+        if not is_dataclass(value):
+            raise self._not(path, value, f"a message before .{name}")
+        names = names_of(value)
+        if name not in names:
             raise RecordingError(
                 self.place,
-                f"topic {printable(self.topic)}: found {shown(path)}, but {short(at[1])} has the "
-                f"fields {self._listed(at[1])}{did_you_mean(name, fields)}",
+                f"topic {printable(self.topic)}: found {shown(path)}, but {_type(value)} has the "
+                f"fields {listed(names)}{did_you_mean(name, names)}",
             )
-        return fields[name]
 
-    def _is_time(self, found: FieldDesc) -> bool:
-        if found[0] != _NAME:
-            return False
-        return {"sec", "nanosec"} <= dict(self.known[str(found[1])][1]).keys()
-
-    def _not(self, path: str, found: Any, expected: str) -> RecordingError:
-        if found[0] == _NAME:
-            what = f"{short(found[1])} with the fields {self._listed(found[1])}"
-        elif found[0] == _BASE:
-            what = f"a {found[1][0]}"
+    def _not(self, path: str, value: Any, expected: str) -> RecordingError:
+        if is_dataclass(value):
+            what = f"{_type(value)} with the fields {listed(names_of(value))}"
         else:
-            what = "a list"
+            what = {list: "a list", np.ndarray: "a list", str: "a string"}.get(
+                type(value), "a number"
+            )
         return RecordingError(
             self.place,
             f"topic {printable(self.topic)}: {shown(path)}, found {what}, expected {expected}",
         )
 
-    def _listed(self, type_: str) -> str:
-        names = [name for name, _ in self.known[type_][1]]
-        more = f" and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else ""
-        return ", ".join(names[:_MOST_LISTED]) + more
+
+def names_of(message: Any) -> list[str]:
+    """Return the names of a message's fields, as its definition has them."""
+    names = (one.name for one in fields(message) if not one.name.startswith("__"))
+    return [name[:-1] if iskeyword(name[:-1]) else name for name in names]
 
 
-def short(type_: str) -> str:
-    """Return a type's name as people say it: ``nav_msgs/Odometry``."""
-    return printable(type_.replace("/msg/", "/"))
+def listed(names: list[str]) -> str:
+    """Return names to be shown, not too many."""
+    more = f" and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else ""
+    return ", ".join(names[:_MOST_LISTED]) + more
 
 
-def _chained(path: str, steps: Sequence[Getter]) -> Getter:
-    """Return one function of several steps: the common shapes without a loop, for speed."""
-    if all(isinstance(step, operator.attrgetter) for step in steps):
-        keywords = [f"{name}_" if iskeyword(name) else name for name in path.split(".")]
-        return operator.attrgetter(".".join(keywords))
-    if len(steps) == 2:
-        first, second = steps
-        return lambda message: second(first(message))
+def _type(message: Any) -> str:
+    return short(str(getattr(message, "__msgtype__", type(message).__name__)))
+
+
+def _chained(steps: list[str | int]) -> Getter:
+    """Return one function of several steps: members in a row are one, for speed."""
+    getters: list[Getter] = []
+    names: list[str] = []
+    for step in [*steps, None]:
+        if isinstance(step, str):
+            names.append(step)
+            continue
+        if names:
+            getters.append(operator.attrgetter(".".join(names)))
+            names = []
+        if step is not None:
+            getters.append(_item(step))
+    if len(getters) == 1:
+        return getters[0]
 
     def get(message: object) -> Any:
-        for step in steps:
-            message = step(message)
+        for one in getters:
+            message = one(message)
         return message
 
     return get
 
 
 def _item(index: int) -> Getter:
-    def get(values: Any) -> Any:
-        return values[index]
-
+    get: Callable[[Any], Any] = operator.itemgetter(index)
     return get
+
+
+def _is_time(value: object) -> bool:
+    return hasattr(value, "sec") and hasattr(value, "nanosec")
 
 
 def _seconds(time: Any) -> float:

@@ -14,8 +14,7 @@ import numpy as np
 from possmap.errors import RecordingError
 from possmap.lab.convert.samples import Floats, Mount
 from possmap.lab.recordings.rosbag.bag import Bag, Topic
-from possmap.lab.recordings.rosbag.first import first_messages
-from possmap.lab.recordings.rosbag.types import ODOMETRY
+from possmap.lab.recordings.rosbag.standard import ODOMETRY
 
 UNKNOWN = (
     "topics of ranges taken to sit at the robot's middle and look ahead: nothing in the bag says "
@@ -121,8 +120,7 @@ class Frames:
         """The frame whose place the poses give; empty if they do not say."""
         if self._place is None or self._place.type != ODOMETRY:
             return ""
-        _, decode = self._bag.decoder(self._place)
-        message = next(first_messages(self._bag, self._place, decode))
+        message = self._bag.first(self._place, self._bag.decoder(self._place))[0]
         return bare(getattr(message, "child_frame_id", ""))
 
     @cached_property
@@ -135,7 +133,7 @@ class Frames:
         found: dict[str, tuple[str, Floats]] = {}
         for topic in self._topics:
             try:
-                _, decode = self._bag.decoder(topic)
+                decode = self._bag.decoder(topic)
             except RecordingError:  # the recording can be used without
                 self.unreadable += topic.count
                 continue

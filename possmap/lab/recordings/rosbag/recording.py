@@ -16,12 +16,10 @@ from possmap.lab.recordings.join import Join
 from possmap.lab.recordings.mapping import Mapping, Table, fault_of
 from possmap.lab.recordings.readings import Interpreter
 from possmap.lab.recordings.recording import CHUNK_ROWS, Recording
-from possmap.lab.recordings.rosbag.bag import Bag, Topic, opened, size_of
-from possmap.lab.recordings.rosbag.fields import short
-from possmap.lab.recordings.rosbag.first import STUBBORN
+from possmap.lab.recordings.rosbag.bag import STUBBORN, Bag, Topic, opened, short, size_of
 from possmap.lab.recordings.rosbag.frames import UNREADABLE, Frames
 from possmap.lab.recordings.rosbag.plan import Plan, names_fields, planned
-from possmap.lab.recordings.rosbag.types import (
+from possmap.lab.recordings.rosbag.standard import (
     LIMITS,
     ODOMETRY,
     POSE,

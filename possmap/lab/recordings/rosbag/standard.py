@@ -17,13 +17,9 @@ SCAN = "sensor_msgs/msg/LaserScan"
 RANGE = "sensor_msgs/msg/Range"
 
 
-def _pose(path: str) -> Mapping[str, str]:
-    return MappingProxyType(
-        {
-            **{axis: f"{path}.position.{axis}" for axis in "xy"},
-            **{f"q{axis}": f"{path}.orientation.{axis}" for axis in "xyzw"},
-        }
-    )
+def _pose(path: str) -> dict[str, str]:
+    places = {axis: f"{path}.position.{axis}" for axis in "xy"}
+    return places | {f"q{axis}": f"{path}.orientation.{axis}" for axis in "xyzw"}
 
 
 POSES: Mapping[str, Mapping[str, str]] = MappingProxyType(
