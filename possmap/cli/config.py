@@ -27,7 +27,8 @@ def config(grid: Path | None, as_json: bool, **settings: Any) -> None:
     --set beats --resolution beats --config beats --profile beats the defaults, which are the
     paper's. A log's own error model beats them all, unless accept_models is false.
     """
-    from possmap.settings.settings import flat, to_yaml
+    from possmap.settings.settings import flat
+    from possmap.settings.settings_yaml import to_yaml
     from possmap.show_config import config as resolve
 
     found = resolve(options.request(**settings), grid)

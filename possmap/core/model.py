@@ -5,25 +5,10 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated, get_type_hints
 
-from possmap.core import ranges
 from possmap.core.ranges import LARGEST as LARGEST
-from possmap.core.ranges import Range
-
-NEVER_NEGATIVE = frozenset(
-    {
-        "along",
-        "across",
-        "turn_spread",
-        "turn_noise",
-        "drift_spread",
-        "alignment_spread",
-        "wall_noise",
-        "wall_tilt",
-        "sensor",
-    }
-)
-POSITIVE = frozenset({"scale", "max_error", "factor"})
+from possmap.core.ranges import NotNegative, Number, Positive, Range
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,36 +23,29 @@ class ErrorModel:
         ``name, value found, what was expected`` for a parameter outside its range.
     """
 
-    along: float = 1.25 / 120
-    """Half-width gained per metre run, in the direction of travel [m/m]."""
-    across: float = 5.5 / 120
-    """The same, perpendicular to the run [m/m]."""
-    turn_bias: float = 0.0
-    """Known over-turn to the left per 45° turned either way [deg]."""
-    turn_gain: float = 0.0
-    """Known over-turn in the direction of the turn, as a share of it."""
-    turn_spread: float = 2.0
-    """Half-width of the unknown over-turn per 45°, one value per excursion [deg]."""
-    turn_noise: float = 0.0
-    """Half-width of what changes from turn to turn, for 45° [deg]; ``linear`` ignores it."""
-    drift: float = 0.0
-    """Known turn to the left per metre run [deg/m]."""
-    drift_spread: float = 0.0
-    """Half-width of its unknown part [deg/m]."""
-    scale: float = 1.0
-    """True distance over logged distance."""
-    alignment_spread: float = 0.0
-    """Heading half-width left after lining up with a wall [deg]."""
-    wall_noise: float = 0.045
-    """Half-width of a seen wall's end across the wall [m]; estimator ``walls`` only."""
-    wall_tilt: float = 4.5
-    """Half-width of a seen wall's own deviation from the axes [deg]; ``walls`` only."""
-    sensor: float = 0.0
-    """Half-width of the range sensor's own error [m]."""
-    max_error: float = 1.0
-    """The half-width beyond which data is irrelevant [m]."""
-    factor: float = 2.236
-    """Standard deviations that a half-width stands for."""
+    along: Annotated[NotNegative, "half-width gained along a run [m per m]"] = 1.25 / 120
+    across: Annotated[NotNegative, "half-width gained across a run [m per m]"] = 5.5 / 120
+    turn_bias: Annotated[Number, "known over-turn to the left per 45° [deg]"] = 0.0
+    turn_gain: Annotated[Number, "known over-turn, as a share of the turn"] = 0.0
+    turn_spread: Annotated[NotNegative, "half-width of the unknown over-turn per 45° [deg]"] = 2.0
+    turn_noise: Annotated[
+        NotNegative, "what changes from turn to turn [deg]; linear ignores it"
+    ] = 0.0
+    drift: Annotated[Number, "known turn to the left per metre run [deg/m]"] = 0.0
+    drift_spread: Annotated[NotNegative, "half-width of its unknown part [deg/m]"] = 0.0
+    scale: Annotated[Positive, "true distance over logged distance"] = 1.0
+    alignment_spread: Annotated[
+        NotNegative, "heading half-width after lining up with a wall [deg]"
+    ] = 0.0
+    wall_noise: Annotated[NotNegative, "half-width of a seen wall's end across it [m] (walls)"] = (
+        0.045
+    )
+    wall_tilt: Annotated[
+        NotNegative, "half-width of a wall's deviation from the axes [deg] (walls)"
+    ] = 4.5
+    sensor: Annotated[NotNegative, "half-width of the range sensor's error [m]"] = 0.0
+    max_error: Annotated[Positive, "half-width beyond which data is irrelevant [m]"] = 1.0
+    factor: Annotated[Positive, "standard deviations that a half-width stands for"] = 2.236
 
     def __post_init__(self) -> None:
         for name in PARAMETERS:
@@ -78,18 +56,16 @@ class ErrorModel:
         return dataclasses.replace(self, **own)
 
 
-def range_of(name: str) -> Range:
-    """Return the numbers allowed for the parameter ``name``."""
-    if name in POSITIVE:
-        return ranges.POSITIVE
-    return ranges.NOT_NEGATIVE if name in NEVER_NEGATIVE else ranges.WITHIN
+PARAMETERS: tuple[str, ...] = tuple(f.name for f in dataclasses.fields(ErrorModel))
+RANGES: Mapping[str, Range] = {
+    name: next(note for note in hint.__metadata__ if isinstance(note, Range))
+    for name, hint in get_type_hints(ErrorModel, include_extras=True).items()
+}
+"""The numbers allowed for each parameter."""
 
 
 def check_parameter(name: str, value: float) -> None:
     """Raise ValueError unless ``value`` is allowed for the parameter ``name``."""
-    allowed = range_of(name)
+    allowed = RANGES[name]
     if value not in allowed:
         raise ValueError(f"{name}, found {value}, expected {allowed.expected_for(value)}")
-
-
-PARAMETERS: tuple[str, ...] = tuple(f.name for f in dataclasses.fields(ErrorModel))

@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 from possmap.core.model import ErrorModel
+from possmap.core.ranges import Number, Range, at_least, between
 from possmap.core.records import OwnModel
 
 Estimator: TypeAlias = Literal["linear", "heading", "walls"]
 Independence: TypeAlias = Literal["detection", "excursion"]
 FreeFusion: TypeAlias = Literal["minimum", "dempster"]
+WIDEST = 10.0
+"""Body of a robot [m]."""
+SHARE = Range("a number above 0, at most 1", 0, 1, is_open=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,19 +61,27 @@ class EvidenceSettings:
         that the other settings give no meaning.
     """
 
-    resolution: float = 0.05
-    estimator: Estimator = "linear"
-    orthogonal: bool = False
-    axes: float = 0.0
-    independence: Independence = "detection"
-    free_fusion: FreeFusion = "minimum"
-    certainty_power: float = 1.0
-    pass_weight: float = 1.0
-    free_along_walls: bool = False
-    free_along_beams: bool = False
-    clip_coobserved: bool = False
-    path_width: float = 0.0
-    accept_models: bool = True
+    resolution: Annotated[float, Range("a number >= 1e-6", 1e-6), "metres per cell"] = 0.05
+    estimator: Annotated[
+        Estimator, "linear: the paper's; heading: turn_spread <= 0.5; walls: any"
+    ] = "linear"
+    orthogonal: Annotated[bool, "the building's walls stand at right angles (walls)"] = False
+    axes: Annotated[Number, "direction of any one of its walls [deg] (walls)"] = 0.0
+    independence: Annotated[Independence, "what counts as independent: detection or excursion"] = (
+        "detection"
+    )
+    free_fusion: Annotated[FreeFusion, "how several excursions deny a wall together"] = "minimum"
+    certainty_power: Annotated[float, at_least(1), "power to which an excursion's N counts"] = 1.0
+    pass_weight: Annotated[
+        float, SHARE, "share of an excursion's denial that counts (dempster)"
+    ] = 1.0
+    free_along_walls: Annotated[bool, "runs past walls deny walls on their path"] = False
+    free_along_beams: Annotated[bool, "the paths of range readings deny walls"] = False
+    clip_coobserved: Annotated[bool, "such a run spares the walls that it saw itself"] = False
+    path_width: Annotated[
+        float, between(0, WIDEST), "width of floor that a path clears [m]; 0: pyramids"
+    ] = 0.0
+    accept_models: Annotated[bool, "a log's own error model is believed"] = True
     model: ErrorModel = field(default_factory=ErrorModel)
 
     def __post_init__(self) -> None:

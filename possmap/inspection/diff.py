@@ -104,8 +104,8 @@ def _compared(
 ) -> DiffSummary:
     if a.resolution != b.resolution:
         raise SettingsError(
-            f"{printable(str(b.path))}: resolution {b.resolution:g}, where "
-            f"{printable(str(a.path))} has {a.resolution:g}: their cells cannot be compared"
+            f"{printable(str(b.path))}: resolution {b.resolution!r}, where "
+            f"{printable(str(a.path))} has {a.resolution!r}: their cells cannot be compared"
         )
     digest_a, digest_b = a.digest(), b.digest()
     window = _window(a, b, window_m)

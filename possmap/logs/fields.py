@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple, TypeAlias
 
 from possmap.core import ranges
-from possmap.core.model import PARAMETERS, range_of
+from possmap.core.model import PARAMETERS, RANGES
 from possmap.core.ranges import LARGEST_SEQ as LARGEST_SEQ
 from possmap.core.ranges import Range
 from possmap.core.records import FIELDS, KINDS, Field, OwnModel, Record
@@ -258,5 +258,5 @@ def model_of(value: object) -> OwnModel:
         if name not in PARAMETERS:
             guess = did_you_mean(name, PARAMETERS) or f", expected one of {', '.join(PARAMETERS)}"
             raise Fault((name,), f"unknown parameter {shown(name)}{guess}")
-        parameters.append((name, number(name, found, range_of(name))))
+        parameters.append((name, number(name, found, RANGES[name])))
     return tuple(sorted(parameters))

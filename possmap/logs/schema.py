@@ -7,7 +7,7 @@ import re
 from typing import Any, TypeAlias
 
 from possmap.core import ranges
-from possmap.core.model import PARAMETERS, range_of
+from possmap.core.model import PARAMETERS, RANGES
 from possmap.core.ranges import Range
 from possmap.core.records import FIELDS, KINDS, NAME, Field
 
@@ -60,7 +60,7 @@ def _schema() -> Schema:
             "model": {
                 "description": "error-model parameters that override the host's",
                 "type": "object",
-                "properties": {name: _ref(_DEFINED[range_of(name)]) for name in PARAMETERS},
+                "properties": {name: _ref(_DEFINED[RANGES[name]]) for name in PARAMETERS},
                 "additionalProperties": False,
             },
             "record": {

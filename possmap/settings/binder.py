@@ -11,23 +11,17 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Callable, Mapping
-from functools import cache
 from pathlib import Path
-from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, TypeAlias, TypeVar, Union, get_args, get_origin
-from typing import get_type_hints as hints_of
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar, get_args, get_origin
 
 import yaml
 
-from possmap.core.ranges import WHOLE, WITHIN, Range
 from possmap.errors import SettingsError, did_you_mean, printable, shown
+from possmap.settings.kinds import Kind, is_dataclass, kind_of, kinds_of
 from possmap.settings.yaml_file import is_null, members, place, read_yaml, refusal
 
 T = TypeVar("T")
-Value: TypeAlias = bool | int | float | str
 
-_NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
-_WHOLE = re.compile(r"[+-]?[0-9]{1,15}")
 _LISTED = 200
 """So many characters of known keys does a message hold."""
 
@@ -39,72 +33,6 @@ def _of_a_file(text: str) -> str:
 
 
 FileName: TypeAlias = Annotated[str, _of_a_file]
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class Kind:
-    """What a type says of its values.
-
-    of : the type without its notes.
-    range : of a number.
-    becomes : functions that a value goes through.
-    meaning : for people, with its unit in brackets.
-    """
-
-    of: Any
-    range: Range
-    becomes: tuple[Callable[[Any], Any], ...]
-    meaning: str
-
-
-@cache
-def kind_of(hint: Any, /) -> Kind:
-    """Return what a type says, ``None`` as an alternative left out."""
-    if get_origin(hint) in (Union, UnionType):
-        (hint,) = (one for one in get_args(hint) if one is not NoneType)
-    of, *notes = get_args(hint) if get_origin(hint) is Annotated else (hint,)
-    within = [note for note in notes if isinstance(note, Range)]
-    return Kind(
-        of,
-        within[-1] if within else WHOLE if of is int else WITHIN,
-        tuple(note for note in notes if callable(note)),
-        " ".join(note for note in notes if isinstance(note, str)),
-    )
-
-
-@cache
-def kinds_of(cls: Any) -> Mapping[str, Kind]:
-    """Return what the fields of a dataclass or a NamedTuple may hold, by name."""
-    hints = hints_of(cls, include_extras=True)
-    names = [field.name for field in dataclasses.fields(cls)] if _is_dataclass(cls) else hints
-    return {name: kind_of(hints[name]) for name in names}
-
-
-def parse(text: str, kind: Kind) -> Value:
-    """Return the value of a text.
-
-    Raises
-    ------
-    ValueError
-        ``expected ...``, for a text that is none.
-    """
-    if get_origin(kind.of) is Literal:
-        words = [str(word) for word in get_args(kind.of)]
-        if text not in words:
-            raise ValueError(f"expected {_or(words)}{did_you_mean(text, words)}")
-        return text
-    if kind.of is bool:
-        if text not in ("true", "false"):
-            raise ValueError("expected true or false")
-        return text == "true"
-    if kind.of is str:
-        return text
-    if not (_WHOLE if kind.of is int else _NUMBER).fullmatch(text):
-        raise ValueError(f"expected {kind.range.expected}")
-    value: int | float = kind.of(text) + kind.of(0)  # -0 is 0
-    if value not in kind.range:
-        raise ValueError(f"expected {kind.range.expected_for(value)}")
-    return value
 
 
 def bind_file(path: Path, cls: type[T], what: str, ignore: bool = False) -> T:
@@ -157,14 +85,14 @@ def _bound(node: yaml.Node, kind: Kind, key: str, ignore: bool = False) -> Any:
 
 
 def _plain(node: yaml.Node, kind: Kind, key: str, ignore: bool) -> Any:
-    if _is_dataclass(kind.of):
+    if is_dataclass(kind.of):
         return _record(node, kind.of, key, ignore)
     if hasattr(kind.of, "_fields"):
         return _row(node, kind.of, key)
     if not isinstance(node, yaml.ScalarNode):
         raise refusal(node, key, "expected one value")
     try:
-        return parse(str(node.value), kind)
+        return kind.parse(str(node.value))
     except ValueError as error:
         raise refusal(node, key, str(error)) from None
 
@@ -225,7 +153,7 @@ def _mapping(node: yaml.Node, kind: Kind, key: str, _: bool) -> dict[str, Any]:
     found = {}
     for name, value, line in members(node, f"expected {kind.meaning or 'name: value'}", key):
         try:
-            parse(name, names)
+            names.parse(name)
         except ValueError as error:
             raise SettingsError(f"{place(line)}: unknown key {shown(name)}, {error}") from None
         found[name] = _bound(value, values, _path(key, name))
@@ -238,17 +166,8 @@ _READERS: Mapping[Any, Callable[[yaml.Node, Kind, str, bool], Any]] = {
 }
 
 
-def _is_dataclass(cls: Any) -> bool:
-    return isinstance(cls, type) and dataclasses.is_dataclass(cls)
-
-
 def _path(key: str, name: str) -> str:
     return f"{key}.{name}" if key else name
-
-
-def _or(words: list[str]) -> str:
-    *most, last = words
-    return f"{', '.join(most)} or {last}" if most else last
 
 
 def _some(names: Mapping[str, Kind]) -> str:

@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated, TypeAlias
+
+from possmap.core.ranges import PROBABILITY, Count, Positive
+
+BaseRate: TypeAlias = Annotated[float, PROBABILITY, "probability of a wall where nothing is known"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
     """Bounds of one call; they do not belong to a grid.
 
-    limit_file_mib : size of one log, decompressed [MiB].
-    limit_nesting : how deep the JSON of a log may be nested.
-    limit_file_objects : objects and lists that the JSON of a log may hold; records are objects.
-    limit_file_excursions : how many a log may hold, carried ones among them.
-    limit_record_cells : cells of work (``core.work``) that one record may take.
-    limit_file_cells : the same, of the records of one log in all; not of a grid's ledger.
-    transaction_records : after so many records read, what was fused is committed.
+    Objects and lists bound the memory of reading, since records are objects; cells of work
+    (``core.work``) of one log in all are not those of a grid's ledger.
     """
 
-    limit_file_mib: float = 64.0
-    limit_nesting: int = 16
-    limit_file_objects: int = 2_000_000
-    limit_file_excursions: int = 100_000
-    limit_record_cells: int = 100_000_000
-    limit_file_cells: int = 10_000_000_000
-    transaction_records: int = 20_000
+    limit_file_mib: Annotated[Positive, "largest log, decompressed [MiB]"] = 64.0
+    limit_nesting: Annotated[Count, "deepest nesting of a log's JSON"] = 16
+    limit_file_objects: Annotated[Count, "most objects and lists in a log's JSON"] = 2_000_000
+    limit_file_excursions: Annotated[Count, "most excursions that one log may hold"] = 100_000
+    limit_record_cells: Annotated[Count, "most cells of work of one record"] = 100_000_000
+    limit_file_cells: Annotated[Count, "most cells of work of one log"] = 10_000_000_000
+    transaction_records: Annotated[Count, "records read between two commits"] = 20_000

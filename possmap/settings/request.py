@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from possmap.errors import SettingsError, printable
 from possmap.settings.setting_table import SHAPING, Given, GivenSettings, Value, merged
 from possmap.settings.settings import Settings, assemble, scalar
+
+DEFAULT_PROFILE = "paper"
+"""Of grids that are new."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,25 +56,61 @@ def in_force(
     Parameters
     ----------
     given
-        What the user gave.
+        What the user gave; a new grid has the default profile below it.
     stored
         What the grid keeps; None without a grid, or for a new one.
 
     Raises
     ------
     SettingsError
-        If a value differs from one that the grid keeps; with both values.
+        If a value differs from one that the grid keeps, with both values; if values do not go
+        together.
     """
-    values: dict[str, Value] = {name: value for name, (value, _) in given.items()}
     if stored is None:
-        return assemble(values)
-    for name in SHAPING:
-        if name in values and values[name] != stored[name]:
-            _, origin = given[name]
-            path, value = printable(str(grid)), scalar(values[name])
-            raise SettingsError(
-                f"{origin}: {name}, found {value}, but {path} was made with "
-                f"{scalar(stored[name])} and keeps it; to fuse its logs anew: "
-                f"possmap fuse {shlex.quote(path)} -g NEW.possmap --set {name}={value}"
-            )
-    return assemble({**stored, **values})
+        given = {**_default(given), **given}
+    else:
+        differing = [
+            name for name in SHAPING if name in given and given[name].value != stored[name]
+        ]
+        if differing:
+            raise _refused(given, stored, grid, differing)
+    values = {name: value for name, (value, _) in given.items()}
+    origins = {name: origin for name, (_, origin) in given.items()}
+    return assemble({**(stored or {}), **values}, origins)
+
+
+def _default(given: Mapping[str, Given]) -> GivenSettings:
+    if DEFAULT_PROFILE == "paper" or any(one.origin.startswith("--prof") for one in given.values()):
+        return {}  # the paper's values are those of the dataclasses
+    from possmap.settings.settings_yaml import read_profile
+
+    return read_profile(DEFAULT_PROFILE)
+
+
+def _refused(
+    given: Mapping[str, Given],
+    stored: Mapping[str, Value],
+    grid: Path | None,
+    differing: Sequence[str],
+) -> SettingsError:
+    """Return the error for settings that a grid does not have, and how to get one that has them."""
+    name, path = differing[0], printable(str(grid))
+    value, origin = given[name]
+    more = f" ({len(differing) - 1} more differ)" if len(differing) > 1 else ""
+    asked = dict.fromkeys(_argument(name, *one) for name, one in given.items())
+    return SettingsError(
+        f"{origin}: {name}, found {scalar(value)}, but {path} was made with "
+        f"{scalar(stored[name])} and keeps it{more}; to fuse its logs anew: "
+        f"possmap fuse {shlex.quote(path)} -g NEW.possmap {' '.join(asked)}"
+    )
+
+
+def _argument(name: str, value: Value, origin: str) -> str:
+    """Return what gives a value on the command line, as it was given."""
+    if origin.startswith("--profile "):
+        return origin
+    if origin == f"--{name}":
+        return f"{origin} {scalar(value)}"
+    if path := origin.rpartition(":")[0]:
+        return f"--config {shlex.quote(path)}"
+    return f"--set {shlex.quote(f'{name}={scalar(value)}')}"

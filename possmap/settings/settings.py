@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from possmap.core.model import PARAMETERS, ErrorModel
 from possmap.core.records import OwnModel
 from possmap.core.settings import NO_ROBOTS, EvidenceSettings, RobotModels
 from possmap.errors import SettingsError
-from possmap.settings.limits import Limits
+from possmap.settings.limits import BaseRate, Limits
 from possmap.settings.setting_table import OF_A_CALL, ROBOT, SHAPING, Value
 
 
@@ -28,15 +27,20 @@ class Settings:
     evidence: EvidenceSettings = field(default_factory=EvidenceSettings)
     robots: RobotModels = field(default_factory=lambda: NO_ROBOTS)
     limits: Limits = field(default_factory=Limits)
-    base_rate: float = 0.5
+    base_rate: BaseRate = 0.5
 
     def model_in_force(self, robot: str, own: OwnModel) -> ErrorModel:
         """Return the model under which an excursion not yet known is fused."""
         return self.evidence.model_in_force(own, self.robots.get(robot, {}))
 
 
-def assemble(given: Mapping[str, Value]) -> Settings:
+def assemble(given: Mapping[str, Value], origins: Mapping[str, str] | None = None) -> Settings:
     """Build settings of flat values; what is not given has its default.
+
+    Parameters
+    ----------
+    origins
+        Where values were given, for messages.
 
     Raises
     ------
@@ -50,15 +54,14 @@ def assemble(given: Mapping[str, Value]) -> Settings:
             robots.setdefault(robot, {})[parameter] = float(value)
     flat: dict[str, Any] = dict(given)
 
-    def of(cls: type[object]) -> dict[str, Any]:
-        names = [f.name for f in dataclasses.fields(cls)]  # type: ignore[arg-type]
-        return {name: flat[name] for name in names if name in flat}
+    def of(cls: Any) -> dict[str, Any]:
+        return {one.name: flat[one.name] for one in fields(cls) if one.name in flat}
 
-    model = ErrorModel(**of(ErrorModel))
     try:
-        evidence = EvidenceSettings(**of(EvidenceSettings), model=model)
+        evidence = EvidenceSettings(**of(EvidenceSettings), model=ErrorModel(**of(ErrorModel)))
     except ValueError as error:
-        raise SettingsError(f"settings: {error}") from None
+        origin = (origins or {}).get(str(error).partition(",")[0], "settings")
+        raise SettingsError(f"{origin}: {error}") from None
     return Settings(**of(Settings), evidence=evidence, robots=robots, limits=Limits(**of(Limits)))
 
 
@@ -76,29 +79,6 @@ def flat(settings: Settings) -> dict[str, Value]:
         for name in OF_A_CALL
     }
     return {**flat_evidence(settings.evidence), **of_call}
-
-
-def to_yaml(settings: Settings) -> str:
-    """Return all settings as commented YAML that can be edited and given back with ``--config``."""
-    lines: list[str] = []
-    lines += ["# What shapes evidence: a grid keeps these from its first fuse."]
-    values = flat(settings)
-    lines += [_yaml_line(name, values[name], SHAPING[name].meaning) for name in SHAPING]
-    lines += ["", "# What the host knows of single robots: any parameter of the error model."]
-    if settings.robots:
-        lines += ["robots:"]
-        for robot, parameters in sorted(settings.robots.items()):
-            entries = ", ".join(f"{name}: {scalar(v)}" for name, v in sorted(parameters.items()))
-            lines += [f'  "{robot}": {{{entries}}}']
-    else:
-        lines += ["robots: {}"]
-    lines += ["", "# What belongs to each call."]
-    lines += [_yaml_line(name, values[name], OF_A_CALL[name].meaning) for name in OF_A_CALL]
-    return "\n".join(lines) + "\n"
-
-
-def _yaml_line(name: str, value: Value, meaning: str) -> str:
-    return f"{f'{name}: {scalar(value)}':<39} # {meaning}"
 
 
 def scalar(value: Value) -> str:

@@ -1,16 +1,34 @@
-"""Settings read from a YAML file, each value with the line that gave it."""
+"""Settings as YAML: read with the line of each value, and written with its meaning."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import yaml
 
+from possmap.core.model import PARAMETERS
 from possmap.errors import printable
-from possmap.settings.setting_table import Given, GivenSettings, known_setting, parse_setting
+from possmap.settings.kinds import Kind
+from possmap.settings.setting_table import (
+    OF_A_CALL,
+    SHAPING,
+    Given,
+    GivenSettings,
+    known_setting,
+    parse_setting,
+)
+from possmap.settings.settings import Settings, flat, scalar
 from possmap.settings.shipped import shipped
-from possmap.settings.yaml_nodes import is_null, members, read_yaml, scalar_text
+from possmap.settings.yaml_file import is_null, members, place, read_yaml, refusal
+
+_DIGITS = 6
+"""As many digits as trials can tell, and a few more."""
+PROFILES = {
+    "robust": "robots calibrated or not, walls at right angles; holds for months",
+    "paper": "to repeat the paper to the letter",
+}
+"""Which shipped profile suits whom."""
 
 
 def read_profile(name: str) -> GivenSettings:
@@ -27,28 +45,97 @@ def read_settings(path: Path) -> GivenSettings:
     SettingsError
         ``file:line: name, value found, what was expected``.
     """
-    name = printable(str(path))
     root = read_yaml(path, "a settings file")
-    settings: dict[str, Given] = {}
-    for key, text_value, line in _flattened(root, name):
-        origin = f"{name}:{line}"
-        settings[key] = parse_setting(key, text_value, origin)
-    return settings
+    return {
+        name: parse_setting(name, text, f"{printable(str(path))}:{line}")
+        for name, text, line in _flattened(root)
+    }
 
 
-def _flattened(root: yaml.Node | None, name: str) -> Iterator[tuple[str, str, int]]:
+def _flattened(root: yaml.Node | None) -> Iterator[tuple[str, str, int]]:
     """Yield flat name, text and line of each value; scalars keep the text that was written."""
     if root is None:
         return
-    for key, node, line in members(root, name, "expected name: value"):
+    for key, node, name in members(root, "expected name: value"):
         if key != "robots":
-            known_setting(key, f"{name}:{line}")
-            yield key, scalar_text(node, f"{name}:{line}", key), line
+            known_setting(key, place(name))
+            yield key, _text(node, key), _line(name)
             continue
         if is_null(node):
             continue
-        for robot, parameters, _ in members(node, name, "expected robot: {parameter: value}"):
-            inside = "expected parameter: value"
-            for parameter, value, at in members(parameters, name, inside):
-                flat = f"robots.{robot}.{parameter}"
-                yield flat, scalar_text(value, f"{name}:{at}", flat), at
+        for robot, parameters, _ in members(node, "expected robot: {parameter: value}", key):
+            own = f"robots.{robot}"
+            for parameter, value, at in members(parameters, "expected parameter: value", own):
+                yield f"{own}.{parameter}", _text(value, f"{own}.{parameter}"), _line(at)
+
+
+def _text(node: yaml.Node, key: str) -> str:
+    if not isinstance(node, yaml.ScalarNode):
+        raise refusal(node, key, "expected one value")
+    return str(node.value)
+
+
+def _line(node: yaml.Node) -> int:
+    line: int = node.start_mark.line + 1
+    return line
+
+
+def to_yaml(settings: Settings) -> str:
+    """Return all settings as commented YAML that can be edited and given back with ``--config``."""
+    values = flat(settings)
+
+    def lines(table: Mapping[str, Kind]) -> list[str]:
+        return [
+            f"{f'{name}: {scalar(values[name])}':<36} # {table[name].meaning}" for name in table
+        ]
+
+    robots = [
+        f'  "{robot}": {{{", ".join(f"{name}: {scalar(v)}" for name, v in sorted(own.items()))}}}'
+        for robot, own in sorted(settings.robots.items())
+    ]
+    return "\n".join(
+        [
+            *(f"# --profile {name}: {whom}" for name, whom in PROFILES.items()),
+            "",
+            "# What shapes evidence: a grid keeps these from its first fuse.",
+            *lines(SHAPING),
+            "",
+            "# What the host knows of single robots: any parameter of the error model.",
+            *(["robots:", *robots] if robots else ["robots: {}"]),
+            "",
+            "# What belongs to each call.",
+            *lines(OF_A_CALL),
+            "",
+        ]
+    )
+
+
+def model_yaml(
+    general: Mapping[str, float],
+    robots: Mapping[str, Mapping[str, float]],
+    comments: Sequence[str],
+) -> str:
+    """Return the YAML of a calibrated model: for any robot, and for those calibrated.
+
+    Parameters
+    ----------
+    general
+        Parameters of a robot of which nothing else is known.
+    robots
+        By name.
+    comments
+        Lines above, what it is and where it comes from.
+    """
+
+    def entries(own: Mapping[str, float]) -> dict[str, str]:
+        known = (name for name in PARAMETERS if name in own)
+        return {name: f"{name}: {scalar(float(f'{own[name]:.{_DIGITS}g}'))}" for name in known}
+
+    lines = [*(f"# {line}".rstrip() for line in comments)]
+    if general:
+        lines += [""]
+    lines += [f"{text:<30} # {SHAPING[name].meaning}" for name, text in entries(general).items()]
+    lines += ["", "robots:"]
+    for robot, own in sorted(robots.items()):
+        lines += [f'  "{robot}":', *(f"    {text}" for text in entries(own).values())]
+    return "\n".join(lines) + "\n"

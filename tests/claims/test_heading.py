@@ -27,8 +27,9 @@ from possmap.core.correction import correct
 from possmap.core.estimators import at_start
 from possmap.core.evidence import findings
 from possmap.core.heading import HeadingError
-from possmap.core.model import LARGEST, NEVER_NEGATIVE, PARAMETERS, POSITIVE, ErrorModel
+from possmap.core.model import LARGEST, PARAMETERS, RANGES, ErrorModel
 from possmap.core.propagation import PoseError, StretchErrors, propagate
+from possmap.core.ranges import NOT_NEGATIVE
 from possmap.core.records import PartialMap, Pose, Record, Wall
 from possmap.core.settings import Estimator, EvidenceSettings
 from possmap.core.track import stretches
@@ -234,7 +235,7 @@ def absurd_models(draw: st.DrawFn) -> ErrorModel:
     """Draw any model that a log may bring, mostly from the ends of what is allowed."""
 
     def values(name: str) -> st.SearchStrategy[float]:
-        low = 1e-300 if name in POSITIVE else 0.0 if name in NEVER_NEGATIVE else -LARGEST
+        low = 1e-300 if RANGES[name].is_open else RANGES[name].least
         return st.sampled_from([low, 1.0, LARGEST]) | st.floats(low, LARGEST)
 
     return ErrorModel(**{name: draw(values(name)) for name in PARAMETERS})
@@ -257,8 +258,8 @@ def test_whatever_is_allowed_gives_finite_errors_never_below_nothing(
 
 
 def test_a_long_log_of_the_largest_errors_stays_finite() -> None:
-    worst = dict.fromkeys(NEVER_NEGATIVE - {"sensor"}, LARGEST)
-    model = ErrorModel(**worst, scale=LARGEST, factor=1e-300)
+    worst = dict.fromkeys((name for name, one in RANGES.items() if one is NOT_NEGATIVE), LARGEST)
+    model = ErrorModel(**{**worst, "sensor": 0.0}, scale=LARGEST, factor=1e-300)
     there_and_back: list[Record] = [
         Pose(k, None, (-1) ** k * LARGEST, LARGEST, 180.0 * k) for k in range(20_000)
     ]

@@ -54,40 +54,11 @@ def turn_spreads(grid: Path) -> dict[str, float]:
         return {entry.robot: entry.model.turn_spread for entry in opened.ledger.entries()}
 
 
-def test_the_defaults_are_the_papers() -> None:
-    assert in_force() == {
-        "resolution": 0.05,
-        "estimator": "linear",
-        "independence": "detection",
-        "free_along_walls": False,
-        "free_along_beams": False,
-        "clip_coobserved": False,
-        "path_width": 0.0,
-        "accept_models": True,
-        "along": 1.25 / 120,
-        "across": 5.5 / 120,
-        "turn_bias": 0.0,
-        "turn_gain": 0.0,
-        "turn_spread": 2.0,
-        "turn_noise": 0.0,
-        "drift": 0.0,
-        "drift_spread": 0.0,
-        "scale": 1.0,
-        "alignment_spread": 0.0,
-        "sensor": 0.0,
-        "max_error": 1.0,
-        "factor": 2.236,
-        "base_rate": 0.5,
-        "limit_file_mib": 64.0,
-        "limit_nesting": 16,
-        "limit_file_objects": 2000000,
-        "limit_file_excursions": 100000,
-        "limit_record_cells": 10**8,
-        "limit_file_cells": 10**10,
-        "transaction_records": 20000,
-        "robots": {},
-    }
-    assert in_force("--profile", "paper") == in_force()
+def test_what_the_profile_paper_leaves_out_is_the_default_of_each_call() -> None:
+    paper = in_force("--profile", "paper")
+    assert paper["estimator"] == "linear" and paper["independence"] == "detection"
+    assert (paper["resolution"], paper["turn_spread"], paper["base_rate"]) == (0.05, 2.0, 0.5)
+    assert paper["robots"] == {}
 
 
 def test_each_level_beats_the_one_below(tmp_path: Path) -> None:
@@ -105,7 +76,7 @@ def test_what_is_printed_can_be_given_back(tmp_path: Path) -> None:
     given = ("--resolution", "1e-3", "--set", "robots.r.1:b.turn_bias=-2", "--set", "base_rate=.3")
     printed = run("config", *given).stdout
     assert run("config", "--config", write(tmp_path / "site.yaml", printed)).stdout == printed
-    assert "resolution: 0.001                       # metres per cell\n" in printed
+    assert "resolution: 0.001                    # metres per cell\n" in printed
     assert 'robots:\n  "r.1:b": {turn_bias: -2.0}\n' in printed
     assert max(map(len, printed.splitlines())) <= 100
 
@@ -275,9 +246,24 @@ def test_the_estimator_heading_alone_can_be_asked_for(tmp_path: Path) -> None:
     assert in_force("-g", grid) == {**in_force(), "estimator": "heading"}
 
 
-def test_an_estimator_is_offered_with_what_it_needs() -> None:
-    assert "linear: the paper's; heading: needs turn_spread <= 0.5" in run("config").output
-    assert "turn_spread <= 0.5" in " ".join(run("fuse", "--help").output.split())
+def test_each_profile_is_offered_with_whom_it_suits() -> None:
+    lines = run("config").output.splitlines()
+    assert lines[0].startswith("# --profile robust: robots calibrated or not")
+    assert lines[1].startswith("# --profile paper: to repeat the paper")
+
+
+def test_the_advice_repeats_all_that_was_asked_for(tmp_path: Path) -> None:
+    grid = fused(tmp_path, "--profile", "paper")
+    config = write(tmp_path / "my site.yaml", "drift: 1\n")
+    asked = ["--profile", "robust", "--config", str(config), "--set", "sensor=0.1"]
+    refusal = run("fuse", tmp_path / "a.json", "-g", grid, *asked)
+    assert "(" in refusal.stderr and " more differ); to fuse its logs anew: " in refusal.stderr
+    advice = shlex.split(refusal.stderr.partition("to fuse its logs anew: possmap ")[2])
+    assert advice[:3] == ["fuse", str(grid), "-g"]
+    assert sorted(advice[4:]) == sorted([*asked[:-1], "sensor=0.1"])
+    new = tmp_path / "NEW.possmap"
+    assert run(*[new if word == "NEW.possmap" else word for word in advice]).exit_code == 0
+    assert run("fuse", tmp_path / "a.json", "-g", new, *asked).exit_code == 0, "no circle"
 
 
 def test_a_wrong_file_is_refused_with_its_line(tmp_path: Path) -> None:

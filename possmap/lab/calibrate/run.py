@@ -26,7 +26,7 @@ from possmap.lab.calibrate.slips import without_slips
 from possmap.lab.calibrate.tracks import for_tracks
 from possmap.lab.calibrate.trials import Trial
 from possmap.release import version
-from possmap.settings.model_yaml import model_yaml
+from possmap.settings.settings_yaml import model_yaml
 
 
 class CalibrationError(PossmapError):

@@ -83,8 +83,8 @@ def evaluate(
     for one in read.values():
         if one.resolution != first.resolution:
             raise TruthError(
-                f"{printable(str(one.path))}: {one.resolution:g} m per cell, expected "
-                f"{first.resolution:g} as in {printable(str(path))}"
+                f"{printable(str(one.path))}: {one.resolution!r} m per cell, expected "
+                f"{first.resolution!r} as in {printable(str(path))}"
             )
     window = _window(list(read.values()), question)
     doubts = doubts_of_frame(first.excursions, true, truth, first.resolution)
