@@ -106,7 +106,7 @@ def settings(command: F) -> F:
         click.option(
             "--profile",
             type=click.Choice(["paper", "robust"]),
-            help="A shipped set of settings; robust needs robots with a turn_spread <= 0.5."
+            help="A shipped set of settings: robust, for any robot that sees walls; or the paper's."
             "  [default: paper]",
         ),
     ):

@@ -7,18 +7,18 @@ side, in the same integers: weights by subtraction, the largest denial but its o
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from possmap.core.evidence import Layer
-from possmap.core.fusion import LayerArray, necessity_of, possibility_of
+from possmap.core.fusion import LayerArray, possibility_of
 from possmap.core.lattice import TILE, Window
 from possmap.core.patches import Crop, Patch, extent_of, spread
-from possmap.core.pyramid import FULL, Values, Weights
-from possmap.core.views import CellArray, masses
+from possmap.core.pyramid import Weights
+from possmap.core.settings import FreeFusion
+from possmap.core.views import CellArray, Readout
 
 SQUARE = 32
 """Cells along a side of the squares among which the worst is looked for; divides TILE."""
@@ -32,12 +32,13 @@ _ACROSS = TILE // SQUARE
 class Crowd:
     """What sides say together in a window, from which any one can be left out.
 
-    Of denials the largest two are kept: enough for every side at once. However many sides there
-    are, it takes 24 bytes a cell.
+    Under ``free_fusion: minimum`` the largest two denials are kept: enough for every side at once.
+    However many sides there are, it takes 24 bytes a cell.
     """
 
-    def __init__(self, window: Window) -> None:
+    def __init__(self, window: Window, free_fusion: FreeFusion) -> None:
         self.window = window
+        self._adds_up = free_fusion == "dempster"
         self._walls = False
         self._weights = np.zeros(window.shape, dtype=np.int64)
         self._largest, self._second = np.zeros((2, *window.shape), dtype=np.int64)
@@ -52,11 +53,14 @@ class Crowd:
             window, denials = side[Layer.FREE]
             inside = window.slices_in(self.window)
             largest, second = self._largest[inside], self._second[inside]
+            if self._adds_up:
+                largest += denials
+                return
             np.maximum(second, np.minimum(largest, denials), out=second)
             np.maximum(largest, denials, out=largest)
 
     def whole(self) -> Patch:
-        """Return what all sides say as one: weights add up, of denials the larger counts."""
+        """Return what all sides say as one, fused as in the grid."""
         layers = ((Layer.WALLS, self._weights), (Layer.FREE, self._largest))
         return {layer: Crop(self.window, cells) for layer, cells in layers if cells.any()}
 
@@ -72,7 +76,10 @@ class Crowd:
         denials = self._largest[around]
         if Layer.FREE in side:
             own = spread(side, Layer.FREE, window)
-            denials = np.where(own == denials, self._second[around], denials)
+            if self._adds_up:
+                denials = denials - own
+            else:
+                denials = np.where(own == denials, self._second[around], denials)
         found = {Layer.FREE: Crop(window, denials)}
         if self._walls:
             weights = self._weights[around]
@@ -106,7 +113,7 @@ class Compared(NamedTuple):
     worst: Worst | None = None
 
 
-def compare(mine: Patch, others: Patch) -> Compared:
+def compare(mine: Patch, others: Patch, free_fusion: FreeFusion) -> Compared:
     """Compare what a side says in one tile with what the others say in the same cells."""
     if not mine:
         return Compared()
@@ -120,10 +127,10 @@ def compare(mine: Patch, others: Patch) -> Compared:
         return Compared(said)
     if Layer.WALLS not in mine and Layer.WALLS not in others:
         # Paths alone contradict nobody.
-        free = [_free_alone()[_denials(side, window, cells)] for side in (mine, others)]
+        free = [_free_alone(_denials(side, window, cells), free_fusion) for side in (mine, others)]
         return Compared(said, len(cells), free_free=float((free[0] * free[1]).sum()))
     one, other = (
-        committed(_weights(side, window, cells), _denials(side, window, cells))
+        committed(_weights(side, window, cells), _denials(side, window, cells), free_fusion)
         for side in (mine, others)
     )
     wall_free, free_wall = one.wall * other.free, one.free * other.wall
@@ -146,11 +153,11 @@ def _says_anything(side: Patch, window: Window) -> NDArray[np.bool_]:
 
 
 def _weights(side: Patch, window: Window, cells: NDArray[np.intp]) -> Weights:
-    return _in_cells(side, Layer.WALLS, window, cells).astype(np.int64, copy=False)
+    return _in_cells(side, Layer.WALLS, window, cells)
 
 
-def _denials(side: Patch, window: Window, cells: NDArray[np.intp]) -> Values:
-    return _in_cells(side, Layer.FREE, window, cells).astype(np.uint16, copy=False)
+def _denials(side: Patch, window: Window, cells: NDArray[np.intp]) -> Weights:
+    return _in_cells(side, Layer.FREE, window, cells)
 
 
 def _in_cells(side: Patch, layer: Layer, window: Window, cells: NDArray[np.intp]) -> LayerArray:
@@ -235,19 +242,17 @@ class Committed(NamedTuple):
     free: CellArray
 
 
-def committed(weights: Weights, denials: Values) -> Committed:
+def committed(weights: Weights, denials: Weights, free_fusion: FreeFusion) -> Committed:
     """Return the masses of METHOD §4, each side's own conflict normalised away."""
-    # Most cells hold no weight, and what they say is one of 65,536 numbers.
-    wall, free = np.zeros(weights.shape), _free_alone()[denials]
+    # Most cells hold no weight: then what is denied is free.
+    wall, free = np.zeros(weights.shape), _free_alone(denials, free_fusion)
     some = np.flatnonzero(weights)
     if len(some):
-        found = masses(necessity_of(weights[some]), possibility_of(denials[some]))
+        found = Readout.of(weights[some], denials[some], free_fusion).masses
         wall[some], free[some] = found.wall, found.free
     return Committed(wall, free)
 
 
-@cache
-def _free_alone() -> CellArray:
-    """Return m(free) of each 16-bit denial where there is no weight."""
-    denials = np.arange(FULL + 1, dtype=np.uint16)
-    return masses(np.zeros(FULL + 1), possibility_of(denials)).free
+def _free_alone(denials: Weights, free_fusion: FreeFusion) -> CellArray:
+    """Return m(free) where there is no weight."""
+    return 1 - possibility_of(denials, free_fusion)

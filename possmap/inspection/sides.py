@@ -32,6 +32,8 @@ class TileSides:
         The cells asked for that any of them may touch.
     numbers
         Of the excursions, ascending.
+    free_fusion
+        What their numbers of free space mean.
     """
 
     def __init__(
@@ -46,7 +48,7 @@ class TileSides:
         self.window = _touched(work.segments, settings.resolution).intersection(within)
         self._works = dict(_apart(work, first_groups))
         self.numbers = list(self._works)
-        self._settings = settings
+        self._settings, self.free_fusion = settings, settings.free_fusion
         self._kept: dict[int, Patch] = {}
         self._room = room
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +10,6 @@ from possmap.budget import Budget
 from possmap.core.evidence import findings
 from possmap.core.lattice import Window
 from possmap.core.plan import ExcursionPlan, plan_excursion
-from possmap.core.settings import EvidenceSettings
 from possmap.errors import plural, printable
 from possmap.grid.grid import Grid
 from possmap.grid.ledger import Entry
@@ -82,16 +80,11 @@ def sides(
     All are laid out again from the ledger, under the grid's settings and their models in force.
     """
     budget = budget or Budget()
-    settings = _compared(grid.settings)
+    settings = grid.settings
     plans, size = _plans(grid, entries, progress, budget)
     room = min(_MOST_KEPT, (budget.held - size) // 2)
     count, tiles = sides_by_tile(plans, settings, window, room)
     yield from progress(tiles, "tile", count)
-
-
-def _compared(settings: EvidenceSettings) -> EvidenceSettings:
-    """Return the settings under which sides are compared: by each one's strongest denial."""
-    return replace(settings, free_fusion="minimum", pass_weight=1.0)
 
 
 def _plans(
@@ -107,7 +100,7 @@ def _plans(
     size = records * _RECORD_BYTES + len(entries) * _EXCURSION_BYTES
     size += max((entry.records for entry in entries), default=0) * _LAID_OUT_BYTES
     budget.check_held(what, size, "give a smaller --window")
-    settings = _compared(grid.settings)  # once: the file is asked for them each time
+    settings = grid.settings  # once: the file is asked for them each time
     plans: list[ExcursionPlan] = []
     for entry in progress(entries, "excursion"):
         found = findings(grid.ledger.version(entry), entry.model, settings)
@@ -133,16 +126,16 @@ def _hold(
     """
     crowd, robots = _crowds(tile, teams)
     for robot, numbers in teams.items():
-        own = Crowd(tile.window) if len(numbers) > 1 else None
+        own = Crowd(tile.window, tile.free_fusion) if len(numbers) > 1 else None
         for number in numbers:
             side = tile.said(number)
-            found = compare(side, crowd.without(side) if crowd else {})
+            found = compare(side, crowd.without(side) if crowd else {}, tile.free_fusion)
             of_excursion[number].add(found)
             if own:
                 own.add(side)
         if own:
             team = own.whole()
-            found = compare(team, robots.without(team) if robots else {})
+            found = compare(team, robots.without(team) if robots else {}, tile.free_fusion)
         # Else its only excursion here is all of it, and the other excursions are other robots'.
         of_robot[robot].add(found)
 
@@ -153,10 +146,10 @@ def _crowds(
     """Return all excursions of a tile, and all its robots; None where nobody needs them."""
     if len(tile.numbers) < 2:
         return None, None
-    crowd = Crowd(tile.window)
-    robots = Crowd(tile.window) if 1 < len(teams) < len(tile.numbers) else None
+    crowd = Crowd(tile.window, tile.free_fusion)
+    robots = Crowd(tile.window, tile.free_fusion) if 1 < len(teams) < len(tile.numbers) else None
     for numbers in teams.values():
-        own = Crowd(tile.window) if robots and len(numbers) > 1 else None
+        own = Crowd(tile.window, tile.free_fusion) if robots and len(numbers) > 1 else None
         for number in numbers:
             side = tile.said(number)
             crowd.add(side)

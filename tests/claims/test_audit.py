@@ -27,6 +27,7 @@ from possmap.core.fusion import CERTAIN, WEIGHT, blank
 from possmap.core.lattice import TILE, TileKey, tile_window
 from possmap.core.patches import Crop, Patch, spread
 from possmap.core.pyramid import FULL
+from possmap.core.settings import FreeFusion
 from possmap.errors import BudgetError
 from possmap.grid.ledger import Entry
 from possmap.inspection import tallies
@@ -80,8 +81,8 @@ def sides(grid: Path) -> tuple[list[Entry], list[tuple[TileKey, dict[int, Patch]
         ]
 
 
-def crowd_of(key: TileKey, some: Iterable[Patch]) -> Crowd:
-    crowd = Crowd(tile_window(key))
+def crowd_of(key: TileKey, some: Iterable[Patch], free_fusion: FreeFusion = "minimum") -> Crowd:
+    crowd = Crowd(tile_window(key), free_fusion)
     for side in some:
         crowd.add(side)
     return crowd
@@ -115,6 +116,7 @@ def test_the_others_are_the_very_grid_that_is_fused_without_the_excursion(
 ) -> None:
     logs = excursions_of(random_team(np.random.default_rng(seed))[0])
     settings, grid = PROFILES[profile], tmp_path / "all.possmap"
+    free_fusion = settings.get("free_fusion", "minimum")
     fuse(write_logs(tmp_path / "all", list(logs.values())), grid, settings)
     entries, by_tile = sides(grid)
     for number, entry in enumerate(entries):
@@ -133,7 +135,7 @@ def test_the_others_are_the_very_grid_that_is_fused_without_the_excursion(
             if number in found:
                 mine = whole(key, found[number])
                 cells = cells_of(mine)
-                rest_of_it = crowd_of(key, found.values()).without(found[number])
+                rest_of_it = crowd_of(key, found.values(), free_fusion).without(found[number])
                 assert in_cells(mine, cells) == in_cells(own.get(key, NOTHING), cells)
                 assert in_cells(whole(key, rest_of_it), cells) == in_cells(
                     others.get(key, NOTHING), cells
@@ -147,6 +149,7 @@ def test_a_robot_is_all_its_excursions_and_its_others_are_the_other_robots(
     logs = list(excursions_of(random_team(np.random.default_rng(3))[0]).values())
     logs += [{**log, "excursion": f"{log['excursion']}-again"} for log in logs[:2]]
     settings, grid = PROFILES[profile], tmp_path / "all.possmap"
+    free_fusion = settings.get("free_fusion", "minimum")
     fuse(write_logs(tmp_path / "all", logs), grid, settings)
     entries, by_tile = sides(grid)
     robot = logs[0]["robot"]
@@ -160,13 +163,16 @@ def test_a_robot_is_all_its_excursions_and_its_others_are_the_other_robots(
     seen = 0
     for key, found in by_tile:
         parts = [
-            crowd_of(key, some).whole()
+            crowd_of(key, some, free_fusion).whole()
             for some in (
                 [one for number, one in found.items() if (entries[number].robot == robot) is me]
                 for me in (True, False)
             )
         ]
-        mine, theirs = whole(key, parts[0]), whole(key, crowd_of(key, parts).without(parts[0]))
+        mine, theirs = (
+            whole(key, parts[0]),
+            whole(key, crowd_of(key, parts, free_fusion).without(parts[0])),
+        )
         cells = cells_of(mine)
         assert in_cells(mine, cells) == in_cells(own.get(key, NOTHING), cells)
         assert in_cells(theirs, cells) == in_cells(others.get(key, NOTHING), cells)
@@ -193,7 +199,7 @@ def side_of(some: Sequence[tuple[int, int, int]]) -> Patch:
 
 def tally_of(one: Patch, other: Patch) -> Tally:
     tally = Tally()
-    tally.add(compare(one, crowd_of(ORIGIN, [one, other]).without(one)))
+    tally.add(compare(one, crowd_of(ORIGIN, [one, other]).without(one), "minimum"))
     return tally
 
 
@@ -222,7 +228,7 @@ def test_k_is_dempsters_of_the_masses_of_either_side(a: int, b: int, c: int, d: 
         assert tally.compared == 0
         return
     (wall, free), (wall2, free2) = (
-        [float(part[7]) for part in committed(layers[Layer.WALLS], layers[Layer.FREE])]
+        [float(part[7]) for part in committed(layers[Layer.WALLS], layers[Layer.FREE], "minimum")]
         for layers in (whole(ORIGIN, one), whole(ORIGIN, other))
     )
     assert tally.conflict == pytest.approx(wall * free2 + free * wall2)

@@ -19,7 +19,10 @@ def team(seed: int, **settings: object) -> tuple[list[Log], dict[str, Any], np.r
     """Draw logs and settings; every other team's are those of the profile ``robust``."""
     rng = np.random.default_rng(1000 + seed)
     logs, given = random_team(rng)
-    return logs, {**given, **(ROBUST if seed % 2 else {}), **settings}, rng
+    given = {**given, **(ROBUST if seed % 2 else {}), **settings}
+    if given.get("independence") == "detection":  # discounts have no meaning then
+        given |= {"certainty_power": 1.0, "pass_weight": 1.0}
+    return logs, given, rng
 
 
 def cut(log: Log, count: int) -> Log:

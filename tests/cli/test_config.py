@@ -221,11 +221,17 @@ def test_wrong_usage_ends_with_2(args: list[str], complaint: str) -> None:
 
 def test_the_profile_robust_is_the_methods_and_leaves_the_rest_alone() -> None:
     robust = {
-        "estimator": "heading",
+        "estimator": "walls",
+        "orthogonal": True,
         "independence": "excursion",
+        "free_fusion": "dempster",
+        "certainty_power": 1.5,
+        "pass_weight": 0.5,
         "free_along_walls": True,
         "free_along_beams": True,
         "clip_coobserved": True,
+        "path_width": 0.15,
+        "turn_noise": 0.7,
     }
     assert in_force("--profile", "robust") == {**in_force(), **robust}
     paper = in_force("--profile", "robust", "--set", "estimator=linear")
@@ -234,7 +240,7 @@ def test_the_profile_robust_is_the_methods_and_leaves_the_rest_alone() -> None:
 
 def test_a_grid_made_with_robust_keeps_it(tmp_path: Path) -> None:
     grid = fused(tmp_path, "--profile", "robust", "--set", "turn_spread=0.4")
-    assert in_force("-g", grid)["estimator"] == "heading"
+    assert in_force("-g", grid)["estimator"] == "walls"
     assert in_force("-g", grid, "--profile", "robust")["turn_spread"] == 0.4
     again = run("fuse", tmp_path / "a.json", "-g", grid, "--profile", "paper")
     assert "estimator, found linear, but" in again.stderr

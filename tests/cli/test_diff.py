@@ -225,14 +225,14 @@ def test_one_more_log_of_the_shipped_data(tmp_path: Path) -> None:
 def test_paper_and_robust_profile_of_the_same_logs(tmp_path: Path) -> None:
     paper, robust = tmp_path / "paper.possmap", tmp_path / "robust.possmap"
     for path, profile in ((paper, "paper"), (robust, "robust")):
-        more = ("--profile", profile, "--set", "turn_spread=0.5")
+        more = ("--profile", profile, "--set", "turn_noise=0.7")
         assert run("fuse", *LOGS, "-g", path, *more).exit_code == 0
     shown = run("diff", paper, robust).stdout
-    assert "  estimator linear -> heading\n" in shown
+    assert "  estimator linear -> walls\n" in shown
     assert "excursions    5 the same, 0 changed, 0 only in A, 0 only in B\n" in shown
     found = json.loads(run("diff", paper, robust, "--json").stdout)
     changed = [len(values) for values in found["settings"].values()]
-    assert changed == [2] * 5
+    assert changed == [2] * 10
     assert found["cells"]["contradicted"]["ceased"] > 0
 
 
