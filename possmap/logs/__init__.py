@@ -81,15 +81,23 @@ def read_open(
 
 
 def _parsed(source: LogText, encoding: str, limits: Limits, allow_truncated: bool) -> LogFile:
+    cut_short = None
     if encoding == ".json":
-        return read_json(source, limits)
-    if encoding == ".csv":
+        versions = read_json(source, limits)
+    elif encoding == ".csv":
         from possmap.logs.csv_log import read_csv  # the one that few need
 
-        return read_csv(source, limits)
-    return read_json_lines(source, limits, allow_truncated)
+        versions = read_csv(source, limits)
+    else:
+        versions, cut_short = read_json_lines(source, limits, allow_truncated)
+    origin = Origin(source.name, source.sha256, source.size)
+    deliveries = (
+        Delivery(Parcel(one.content), f"{origin.name}:{one.line}", origin, one.carrier)
+        for one in versions
+    )
+    return LogFile(origin, tuple(deliveries), cut_short)
 
 
 def read_stdin(stream: BinaryIO, limits: Limits, allow_truncated: bool = False) -> LogFile:
     """Read JSON Lines, perhaps compressed, from an open stream."""
-    return read_json_lines(read_stream("stdin", stream, limits), limits, allow_truncated)
+    return _parsed(read_stream("stdin", stream, limits), ".jsonl", limits, allow_truncated)

@@ -10,10 +10,9 @@ from collections.abc import Callable, Iterator
 
 from possmap.core.records import FIELDS
 from possmap.errors import LogError, did_you_mean, shown
-from possmap.logs.builder import ExcursionBuilder, Header
-from possmap.logs.delivery import Delivery, LogFile, Origin, refusal
-from possmap.logs.fields import Fault, name_of, record_of, too_many
-from possmap.logs.parcel import Parcel
+from possmap.logs.delivery import refusal
+from possmap.logs.excursion import Excursion, Header, Version, too_many
+from possmap.logs.fields import Fault, name_of, record_of
 from possmap.logs.text import LogText
 from possmap.settings.limits import Limits
 
@@ -26,11 +25,12 @@ COLUMNS = (*_FIRST, *(name for name in _TYPES if name not in _FIRST))
 NEEDED = ("robot", "excursion", "seq", "kind")
 
 _FLAGS = {"true": True, "false": False}
-_WHOLE_NUMBER = re.compile(r"-?[0-9]{1,20}")
+_WHOLE_NUMBER = re.compile(r"(-?[0-9]{1,20})(\.0*)?")  # of a column with gaps pandas makes 41.0
+_BLANK = re.compile(r"[^\S\r\n]")
 _OF_NUMBERS = "0123456789.+-eE"
 
 
-def read_csv(source: LogText, limits: Limits) -> LogFile:
+def read_csv(source: LogText, limits: Limits) -> list[Version]:
     """Read every excursion of a CSV file, each as a log of its own; a CSV has no models.
 
     Raises
@@ -38,10 +38,8 @@ def read_csv(source: LogText, limits: Limits) -> LogFile:
     LogError
         With file and line, for the first thing that cannot be trusted.
     """
-    if source.is_cut:
-        raise LogError(source.name, "the file is cut short")
-    origin = Origin(source.name, source.sha256, source.size)
-    excursions: dict[tuple[str, str], tuple[int, ExcursionBuilder]] = {}
+    source.check_whole()
+    excursions: dict[tuple[str, str], Excursion] = {}
     line = 1
     try:
         rows = _rows(source)
@@ -61,28 +59,21 @@ def read_csv(source: LogText, limits: Limits) -> LogFile:
                 _check_name(*name)
                 if len(excursions) == limits.limit_file_excursions:
                     raise too_many(len(excursions))
-                excursions[name] = (line, ExcursionBuilder())
+                excursions[name] = Excursion(line)
             record = {key: decoded(row[at]) for at, key, decoded in columns if row[at]}
-            excursions[name][1].add(record_of(record, limits.limit_nesting))
+            excursions[name].add(record_of(record, limits.limit_nesting))
+        if not excursions:
+            raise Fault((), "a header row and no records below it")
     except Fault as fault:
         raise refusal(source.name, line, fault) from None
-    return LogFile(
-        origin,
-        tuple(
-            Delivery(
-                Parcel(builder.build(Header(robot, excursion, (), None, ""))),
-                f"{source.name}:{line}",
-                origin,
-            )
-            for (robot, excursion), (line, builder) in excursions.items()
-        ),
-    )
+    return [one.version(Header(*name, (), None, {})) for name, one in excursions.items()]
 
 
 def _rows(source: LogText) -> Iterator[tuple[int, list[str]]]:
-    """Yield each row that is not blank with the line on which it begins."""
-    text = source.text.removeprefix("\ufeff")
-    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    """Yield each row that has a value, without blanks around them, and the line where it begins."""
+    text = io.StringIO(source.text, newline="")
+    reader = csv.reader(text, strict=True, skipinitialspace=True)
+    has_blanks = _BLANK.search(source.text) is not None
     line = 1
     while True:
         try:
@@ -91,7 +82,9 @@ def _rows(source: LogText) -> Iterator[tuple[int, list[str]]]:
             return
         except csv.Error as error:
             raise LogError(f"{source.name}:{line}", f"not CSV: {error}") from None
-        if row:
+        if has_blanks:
+            row = [field.strip() for field in row]
+        if any(row):
             yield line, row
         line = reader.line_num + 1
 
@@ -118,8 +111,7 @@ def _check_name(robot: str, excursion: str) -> None:
     for key, name in (("robot", robot), ("excursion", excursion)):
         if not name:
             raise Fault((key,), "is empty, every row names its robot and excursion")
-    name_of("robot", robot)
-    name_of("excursion", excursion)
+        name_of(key, name)
 
 
 def _decoder(key: str) -> Callable[[str], object]:
@@ -133,11 +125,12 @@ def _decoder(key: str) -> Callable[[str], object]:
 
 
 def _flag(text: str) -> bool | str:
-    return _FLAGS.get(text, text)
+    return _FLAGS.get(text.lower(), text)
 
 
 def _whole(text: str) -> int | str:
-    return int(text) if _WHOLE_NUMBER.fullmatch(text) else text
+    found = _WHOLE_NUMBER.fullmatch(text)
+    return int(found[1]) if found else text
 
 
 def _number(text: str) -> float | str:

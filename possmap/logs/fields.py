@@ -53,11 +53,6 @@ def unique_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
     return repeated
 
 
-def too_many(limit: int) -> Fault:
-    """Return what is wrong with a file of more excursions than it may hold."""
-    return Fault((), f"found more than {limit} excursions (setting limit_file_excursions)")
-
-
 def as_object(value: object) -> dict[str, object]:
     """Return ``value`` if it is a JSON object without repeated keys.
 
@@ -197,7 +192,7 @@ def record_of(value: object, nesting: int) -> Record:
     allowed = _ALLOWED[kind]
     extra = ""
     if not allowed.issuperset(fields):
-        extra = own_keys(fields, allowed, f"a {kind}", nesting)
+        extra = own_text(own_keys(fields, allowed, f"a {kind}", nesting))
     values: list[object] = []
     get, keep = fields.get, values.append
     for name, check, is_required, default, least, most in _RULES[kind]:
@@ -214,17 +209,21 @@ def record_of(value: object, nesting: int) -> Record:
     return make(*values, extra)
 
 
-def own_keys(fields: Mapping[str, object], allowed: set[str], whose: str, nesting: int) -> str:
-    """Return the user's own ``x_`` keys as JSON text, and refuse every other unknown key."""
-    own: dict[str, object] = {}
-    for key, value in fields.items():
-        if key in allowed:
-            continue
+def own_keys(
+    fields: Mapping[str, object], allowed: set[str], whose: str, nesting: int
+) -> dict[str, object]:
+    """Return the user's own ``x_`` keys, and refuse every other unknown key."""
+    own = {key: value for key, value in fields.items() if key not in allowed}
+    for key, value in own.items():
         if not key.startswith("x_"):
             guess = did_you_mean(key, allowed)
             raise Fault((key,), f"unknown key {shown(key)} of {whose}{guess or _expected(allowed)}")
         _check_own(key, value, nesting)
-        own[key] = value
+    return own
+
+
+def own_text(own: Mapping[str, object]) -> str:
+    """Return a user's own keys as they are kept: JSON text, empty if there are none."""
     return json.dumps(own, separators=(",", ":")) if own else ""
 
 

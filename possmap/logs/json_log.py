@@ -4,101 +4,79 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from possmap.core.records import PartialMap
 from possmap.errors import LogError, shown
-from possmap.logs.builder import ExcursionBuilder, header_of, version_of
-from possmap.logs.delivery import Delivery, LogFile, Origin, refusal
-from possmap.logs.fields import Fault, Step, record_of, too_many
+from possmap.logs.delivery import refusal
+from possmap.logs.excursion import Excursion, Version, header_of, too_many, version_of
+from possmap.logs.fields import Fault, Step, record_of
 from possmap.logs.json_text import JsonSyntaxError, JsonText, find
-from possmap.logs.parcel import Parcel
 from possmap.logs.text import LogText
 from possmap.settings.limits import Limits
 
 
-def read_json(source: LogText, limits: Limits) -> LogFile:
-    """Read one JSON log.
+def read_json(source: LogText, limits: Limits) -> list[Version]:
+    """Read one JSON log: its own version, then those that it carries.
 
     Raises
     ------
     LogError
         With file, line and path, for the first thing that cannot be trusted.
     """
-    origin = Origin(source.name, source.sha256, source.size)
-    if source.is_cut:
-        raise LogError(source.name, "the file is cut short")
+    source.check_whole()
     source.check_objects(limits)
-    reader = _JsonLogReader(source.text, limits)
+    text, reader = source.text, _JsonLogReader(source.text, limits)
     try:
-        versions = list(reader.log())
+        versions = reader.log()
         reader.cursor.end()
     except JsonSyntaxError as error:
-        line = reader.cursor.line(error.position)
-        column = error.position - source.text.rfind("\n", 0, error.position)
+        line = text.count("\n", 0, error.position) + 1
+        column = error.position - text.rfind("\n", 0, error.position)
         problem = f"not JSON: {error} (column {column})"
         raise LogError(f"{source.name}:{line}", problem) from None
-    except _PlacedFault as placed:
-        raise refusal(source.name, reader.cursor.line(placed.position), placed.fault) from None
-    own = versions[0][1].name
-    deliveries: list[Delivery] = []
-    line, counted = 1, 0
-    for position, version in versions:  # in the order of the text, which is read once more
-        line += source.text.count("\n", counted, position)
-        counted = position
-        carrier = own if deliveries else None
-        deliveries.append(Delivery(Parcel(version), f"{source.name}:{line}", origin, carrier))
-    return LogFile(origin, tuple(deliveries))
-
-
-class _PlacedFault(Exception):
-    """A fault with its position in the text."""
-
-    def __init__(self, position: int, fault: Fault) -> None:
-        super().__init__(str(fault))
-        self.position = position
-        self.fault = fault
+    except Fault as fault:
+        line = text.count("\n", 0, find(text, fault.path)) + 1
+        raise refusal(source.name, line, fault) from None
+    own, *carried = versions
+    return [own, *(one._replace(carrier=own.content.name) for one in carried)]
 
 
 class _JsonLogReader:
     """Walks the one object of a JSON log."""
 
     def __init__(self, text: str, limits: Limits) -> None:
-        self.text = text
         self.cursor = JsonText(text)
-        self.nesting = limits.limit_nesting
-        self.most = limits.limit_file_excursions
+        self._nesting = limits.limit_nesting
+        self._most = limits.limit_file_excursions
 
-    def log(self, path: tuple[Step, ...] = ()) -> Iterator[tuple[int, PartialMap]]:
-        """Yield the log's own version, then the carried ones, each with its position."""
-        start = self.cursor.position
+    def log(self, path: tuple[Step, ...] = ()) -> list[Version]:
+        """Return the log's own version, then the carried ones."""
+        excursion = Excursion(self.cursor.line)
         header: dict[str, object] = {}
-        builder = ExcursionBuilder()
-        carried: list[tuple[int, PartialMap]] = []
-        has_records = False
-        depth = len(path) + 1
+        carried: list[Version] = []
+        seen: set[str] = set()
         try:
             if not self.cursor.is_at("{"):
                 raise Fault((), f"found {shown(self.cursor.value())}, expected an object, a log")
             for key in self.cursor.members():
+                if key in seen:
+                    raise Fault((key,), "the key is given twice")
+                seen.add(key)
                 if key == "records":
-                    has_records = True
-                    self._records(builder, (*path, key))
+                    self._records(excursion, self._nesting - len(path) - 3)
                 elif key == "carried":
                     if path:
                         raise Fault((key,), "a carried log carries no others: list them beside it")
                     for index in self._items(key):
-                        if index + 1 == self.most:  # its own is one more
-                            raise too_many(self.most).below(key, index)
+                        if index + 1 == self._most:  # its own is one more
+                            raise too_many(self._most).below(key, index)
                         carried += self.log((key, index))
                 else:
                     header[key] = self._header_value(key)
-            if not has_records:
+            if "records" not in seen:
                 raise Fault((), "records is missing, expected a list, perhaps empty")
-            checked = header_of(header, self.nesting - depth, needs_version=not path)
+            checked = header_of(header, self._nesting - len(path) - 1, needs_version=not path)
         except Fault as fault:
-            position = find(self.text, start, fault.path)
-            raise _PlacedFault(position, fault.below(*path)) from None
-        yield start, builder.build(checked)
-        yield from carried
+            raise fault.below(*path) from None
+        return [excursion.version(checked), *carried]
 
     def _header_value(self, key: str) -> object:
         try:
@@ -114,18 +92,15 @@ class _JsonLogReader:
             raise Fault((key,), f"found {shown(self.cursor.value())}, expected a list")
         return self.cursor.items()
 
-    def _records(self, builder: ExcursionBuilder, path: tuple[Step, ...]) -> None:
-        nesting = self.nesting - len(path) - 2
-        start, items = self.cursor.position, self._items("records")
+    def _records(self, excursion: Excursion, nesting: int) -> None:
+        items = self._items("records")
         try:
             whole = self.cursor.plain_objects()
             if whole is not None:
                 for value in whole:
-                    builder.add(record_of(value, nesting))
+                    excursion.add(record_of(value, nesting))
                 return
             for _ in items:
-                builder.add(record_of(self.cursor.record(), nesting))
+                excursion.add(record_of(self.cursor.record(), nesting))
         except Fault as fault:
-            index = len(builder.records)
-            position = find(self.text, start, (index, *fault.path))
-            raise _PlacedFault(position, fault.below(*path, index)) from None
+            raise fault.below("records", len(excursion.records)) from None

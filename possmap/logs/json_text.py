@@ -1,42 +1,67 @@
-"""JSON read piece by piece, always knowing where: large logs never sit in memory twice."""
+"""JSON read piece by piece, always knowing where: what is large never sits in memory twice."""
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from possmap.logs.fields import Fault, Step, unique_keys
+
+SHORT = 1 << 20
+"""Of a text of at most so many characters a list may be decoded whole."""
+
+LARGEST_VALUE = 1 << 24
+"""No value of a text that is read on the way is larger [characters]."""
+
+_MARGIN = 16
+"""More than what may be missing of a number, a word or an escape where a text is cut."""
 
 _BLANKS = " \t\n\r"
 _BLANK = re.compile(r"[ \t\n\r]*")
 _COMMA = re.compile(r",[ \t\n\r]*")
-_DECODER = json.JSONDecoder(object_pairs_hook=unique_keys)
-SHORT = 1 << 20
-"""Of a text of at most so many characters a list may be decoded whole."""
-
+_CAREFUL = json.JSONDecoder(object_pairs_hook=unique_keys).raw_decode
 _QUICK = json.JSONDecoder().raw_decode
 """Stays in C for a whole value, but does not tell a key given twice."""
 
 
 class JsonSyntaxError(Exception):
-    """Text that is not JSON, at a position."""
+    """Text that is not JSON, at a position of what the cursor holds; perhaps only cut short."""
 
-    def __init__(self, position: int, problem: str) -> None:
+    def __init__(self, position: int, problem: str, is_cut: bool = False) -> None:
         super().__init__(problem)
         self.position = position
+        self.is_cut = is_cut
 
 
 class JsonText:
-    """A cursor over JSON text. What a walk yields, the caller consumes before asking for more."""
+    """A cursor over JSON text. What a walk yields, the caller consumes before asking for more.
 
-    def __init__(self, text: str, position: int = 0) -> None:
-        self.text = text
-        self.position = _skip(text, position)
+    Parameters
+    ----------
+    text
+        All of it, or its beginning.
+    more
+        Gives what follows, piece by piece, and nothing in the end. What is consumed is forgotten.
+    """
 
-    def line(self, position: int) -> int:
-        """Return the line number of a position, from 1."""
-        return self.text.count("\n", 0, position) + 1
+    _line, _counted = 1, 0
+
+    def __init__(self, text: str, more: Callable[[], str] | None = None) -> None:
+        self.text, self.position = text, 0
+        self._more = more
+        self._skip(0)
+
+    @property
+    def line(self) -> int:
+        """The number of the line here, from 1."""
+        return self.line_of(self.position)
+
+    def line_of(self, position: int) -> int:
+        """Return the line number of a position not before the last that was asked for."""
+        self._line += self.text.count("\n", self._counted, position)
+        self._counted = position
+        return self._line
 
     def value(self) -> object:
         """Consume one value and return it decoded.
@@ -44,23 +69,30 @@ class JsonText:
         Raises
         ------
         JsonSyntaxError
-            Where the text is not JSON.
+            Where the text is not JSON, or a value is too large.
         Fault
             For nesting or a number beyond what Python reads at all.
         """
-        try:
-            value, end = _DECODER.raw_decode(self.text, self.position)
-        except json.JSONDecodeError as error:
-            is_marked = self.text.startswith("\ufeff", error.pos)
-            problem = "Unexpected byte-order mark" if is_marked else error.msg
-            raise JsonSyntaxError(error.pos, problem) from None
-        except RecursionError:
-            raise Fault((), "nested too deep (setting limit_nesting)") from None
-        except ValueError:  # Python refuses to read whole numbers of thousands of digits
-            raise Fault((), "a number of more than 4300 digits") from None
-        self.position = _skip(self.text, end)
-        found: object = value
-        return found
+        while True:
+            problem = None
+            try:
+                value, end = _CAREFUL(self.text, self.position)
+            except json.JSONDecodeError as error:
+                problem, end = error.msg, error.pos
+            except RecursionError:
+                raise Fault((), "nested too deep (setting limit_nesting)") from None
+            except ValueError:  # Python refuses to read whole numbers of thousands of digits
+                raise Fault((), "a number of more than 4300 digits") from None
+            is_open = len(self.text) - end < _MARGIN or (problem or "").startswith("Unterminated")
+            if len(self.text) - self.position > LARGEST_VALUE and self._more and is_open:
+                raise JsonSyntaxError(self.position, "a value of more than 16 MiB")
+            if is_open and self._read_on():  # the rest may mend it, or go on with a number
+                continue
+            if problem is not None:
+                raise JsonSyntaxError(end, problem, is_open)
+            self._skip(end)
+            found: object = value
+            return found
 
     def plain_objects(self) -> list[dict[str, object]] | None:
         """Consume a list of plain objects in one go, in a third of the time.
@@ -81,12 +113,12 @@ class JsonText:
             return None
         if text.count(":", start, end) != sum(map(len, found)):
             return None
-        self.position = _skip(text, end)
+        self._skip(end)
         objects: list[dict[str, object]] = found
         return objects
 
     def record(self) -> object:
-        """Consume one value, as ``value`` does, sooner if it is a plain object (see above).
+        """Consume one value, as ``value`` does, sooner if it is a plain object (see above) or list.
 
         Raises
         ------
@@ -98,10 +130,14 @@ class JsonText:
             found, end = _QUICK(text, start)
         except (ValueError, RecursionError):
             return self.value()  # which says what is wrong
-        if type(found) is dict and len(found) == text.count(":", start, end):
-            self.position = _skip(text, end)
-            return found
-        return self.value()
+        if type(found) is dict:
+            is_plain = len(found) == text.count(":", start, end)
+        else:
+            is_plain = type(found) is list and text.find("{", start, end) < 0
+        if not is_plain:
+            return self.value()
+        self._skip(end)
+        return found
 
     def is_at(self, character: str) -> bool:
         """Whether the next character is this one."""
@@ -110,7 +146,6 @@ class JsonText:
     def members(self) -> Iterator[str]:
         """Walk an object: yield each key, the cursor at its value."""
         self._take("{")
-        seen: set[str] = set()
         if self._took("}"):
             return
         while True:
@@ -118,9 +153,6 @@ class JsonText:
             key = self.value()
             if not isinstance(key, str):
                 raise JsonSyntaxError(at, "Expecting property name enclosed in double quotes")
-            if key in seen:
-                raise Fault((key,), "the key is given twice")
-            seen.add(key)
             self._take(":")
             yield key
             if not self._took(","):
@@ -137,10 +169,11 @@ class JsonText:
             yield index
             index += 1
             comma = _COMMA.match(self.text, self.position)
-            if comma is None:
+            if comma and comma.end() < len(self.text):  # mostly: sooner than the careful way
+                self.position = comma.end()
+            elif not self._took(","):
                 self._take("]")
                 return
-            self.position = comma.end()
 
     def end(self) -> None:
         """Raise JsonSyntaxError unless all text is consumed."""
@@ -150,24 +183,44 @@ class JsonText:
     def _took(self, character: str) -> bool:
         if not self.is_at(character):
             return False
-        self.position = _skip(self.text, self.position + 1)
+        self._skip(self.position + 1)
         return True
 
     def _take(self, character: str) -> None:
         if not self._took(character):
-            raise JsonSyntaxError(self.position, f"Expecting '{character}' delimiter")
+            is_cut = self.position == len(self.text)
+            raise JsonSyntaxError(self.position, f"Expecting '{character}' delimiter", is_cut)
+
+    def _skip(self, position: int) -> None:
+        """Go to the first character from a position on that is no blank."""
+        self.position = position
+        if self.text[position : position + 1] not in _BLANKS:  # mostly: sooner than the search
+            return
+        while True:
+            blank = _BLANK.match(self.text, self.position)
+            self.position = blank.end() if blank else self.position
+            if self.position < len(self.text) or not self._read_on():
+                return
+
+    def _read_on(self) -> bool:
+        """Read as much again as is held and not consumed; whether there was more to read."""
+        if self._more is None:
+            return False
+        self.line_of(self.position)
+        wanted = max(1, len(self.text) - self.position)
+        parts = [self.text[self.position :]]
+        while wanted > 0 and (part := self._more()):
+            parts.append(part)
+            wanted -= len(part)
+        if wanted > 0:
+            self._more = None
+        self.text, self.position, self._counted = "".join(parts), 0, 0
+        return len(parts) > 1
 
 
-def _skip(text: str, position: int) -> int:
-    if text[position : position + 1] not in _BLANKS:  # mostly: sooner than the search
-        return position
-    blank = _BLANK.match(text, position)
-    return blank.end() if blank else position
-
-
-def find(text: str, start: int, path: tuple[Step, ...]) -> int:
-    """Return the position of the value at ``path`` below ``start``, or of the last step found."""
-    cursor = JsonText(text, start)
+def find(text: str, path: tuple[Step, ...]) -> int:
+    """Return the position of the value at ``path``, or of the last step found."""
+    cursor = JsonText(text)
     try:
         for step in path:
             begin = cursor.position

@@ -25,6 +25,7 @@ class LogText:
     """A log file's text, and what identifies it.
 
     name : as the user gave it.
+    text : without a byte-order mark.
     sha256 : of the bytes as delivered, hexadecimal.
     size : of the same [bytes].
     is_cut : whether the compressed stream, or the last character, is cut short.
@@ -35,6 +36,11 @@ class LogText:
     sha256: str
     size: int
     is_cut: bool = False
+
+    def check_whole(self) -> None:
+        """Raise LogError if the file is cut short."""
+        if self.is_cut:
+            raise LogError(self.name, "the file is cut short")
 
     def check_objects(self, limits: Limits) -> None:
         """Refuse JSON that takes far more memory than text: two letters make an object.
@@ -51,32 +57,6 @@ class LogText:
         if found > most:
             problem = f"found {found} objects and lists, expected at most {most}"
             raise LogError(self.name, f"{problem} (setting limit_file_objects)")
-
-
-class _TooLarge(Exception):
-    """More than may be read was asked for."""
-
-
-class _Metered(io.RawIOBase):
-    """A binary stream that hashes and counts what is read of it, up to ``most`` bytes."""
-
-    def __init__(self, stream: BinaryIO, most: int) -> None:
-        self._stream = stream
-        self._most = most
-        self.hash = hashlib.sha256()
-        self.size = 0
-
-    def readable(self) -> bool:
-        return True
-
-    def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
-        data = self._stream.read(len(buffer))
-        buffer[: len(data)] = data
-        self.hash.update(data)
-        self.size += len(data)
-        if self.size > self._most:  # a stream without end, or one that holds next to nothing
-            raise _TooLarge
-        return len(data)
 
 
 def read_text(path: Path, limits: Limits) -> LogText:
@@ -103,36 +83,37 @@ def read_stream(
 ) -> LogText:
     """Read a log from an open stream; ``compressed=None`` finds out by the first two bytes."""
     largest = int(limits.limit_file_mib * 2**20)
-    metered = _Metered(stream, largest + largest // 64 + _ROOM)
-    buffered = io.BufferedReader(metered, _CHUNK)
-    data = bytearray()
-    is_cut = False
+    most = largest + largest // 64 + _ROOM  # of a stream without end, or that holds next to nothing
+    limit = f"{limits.limit_file_mib:g} MiB, decompressed (setting limit_file_mib)"
+    too_large = LogError(name, f"larger than {limit}")
+    data, is_cut = bytearray(), False
+    while part := stream.read(_CHUNK):
+        data += part
+        if len(data) > most:
+            raise too_large
+    sha256, size = hashlib.sha256(data).hexdigest(), len(data)
+    if compressed or (compressed is None and data.startswith(GZIP_MAGIC)):
+        data, is_cut = _unpacked(name, data, largest)
+    if len(data) > largest:
+        raise too_large
+    return _decoded(name, data, sha256, size, is_cut)
+
+
+def _unpacked(name: str, packed: bytearray, largest: int) -> tuple[bytearray, bool]:
+    """Return what was compressed, up to a little more than may be, and whether it is cut short."""
+    found = bytearray()
+    source = gzip.GzipFile(fileobj=io.BytesIO(packed))
     try:
-        if compressed is None:
-            compressed = buffered.peek(2)[:2] == GZIP_MAGIC
-        source = gzip.GzipFile(fileobj=buffered) if compressed else buffered
-        while len(data) <= largest:
-            try:
-                part = source.read1(_CHUNK)  # read() would lose what comes before a cut
-            except EOFError:
-                is_cut = True
-                break
-            except (gzip.BadGzipFile, zlib.error) as error:
-                raise LogError(name, f"not a gzip file, or damaged: {error}") from error
-            if not part:
-                break
-            data += part
-        if len(data) > largest:
-            raise _TooLarge
-        while buffered.read(_CHUNK):  # the hash is of the whole file
-            pass
-    except _TooLarge:
-        limit = f"{limits.limit_file_mib:g} MiB, decompressed (setting limit_file_mib)"
-        raise LogError(name, f"larger than {limit}") from None
-    return _decoded(name, data, metered, is_cut)
+        while len(found) <= largest and (part := source.read1(_CHUNK)):  # read() loses a cut's rest
+            found += part
+    except EOFError:
+        return found, True
+    except (gzip.BadGzipFile, zlib.error) as error:
+        raise LogError(name, f"not a gzip file, or damaged: {error}") from error
+    return found, False
 
 
-def _decoded(name: str, data: bytearray, metered: _Metered, is_cut: bool) -> LogText:
+def _decoded(name: str, data: bytearray, sha256: str, size: int, is_cut: bool) -> LogText:
     try:
         text = data.decode()
     except UnicodeDecodeError as error:
@@ -141,4 +122,4 @@ def _decoded(name: str, data: bytearray, metered: _Metered, is_cut: bool) -> Log
             found = f"0x{data[error.start]:02x}"
             raise LogError(f"{name}:{line}", f"found the byte {found}, expected UTF-8") from error
         text, is_cut = data[: error.start].decode(), True
-    return LogText(name, text, metered.hash.hexdigest(), metered.size, is_cut)
+    return LogText(name, text.removeprefix("\ufeff"), sha256, size, is_cut)

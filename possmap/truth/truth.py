@@ -109,7 +109,7 @@ def read_truth(path: Path, limits: Limits) -> Truth:
             dict(_entry(index, robot) for index, robot in enumerate(robots)),
         )
     except JsonSyntaxError as error:
-        line = cursor.line(error.position)
+        line = cursor.line_of(error.position)
         raise LogError(f"{source.name}:{line}", f"not JSON: {error}") from None
     except Fault as fault:
         where = ".".join(map(str, fault.path))

@@ -180,10 +180,10 @@ def test_flags_and_errors_are_taken_as_given(tmp_path: Path) -> None:
     pose = one_record(
         tmp_path,
         '"kind": "pose", "x": 1, "y": 2, "heading": 3, '
-        '"error_x": 0.1, "error_y": 0.2, "error_heading": 4',
+        '"error_x": 0.1, "error_y": 0.2, "error_heading": 4, "turned": true',
     )
     assert (wall, beam) == (Wall(1, None, 1, 2, 3, 4, False), Beam(1, None, 1, 2, 3, 4, False))
-    assert pose == Pose(1, None, 1, 2, 3, 0.1, 0.2, 4)
+    assert pose == Pose(1, None, 1, 2, 3, 0.1, 0.2, 4, True)
 
 
 @pytest.mark.parametrize("name", ["log.json", "log.csv"])
@@ -230,6 +230,7 @@ def test_time_may_stand_still_and_be_left_out_between(tmp_path: Path) -> None:
     assert [record.t for record in records] == [-3.0, None, -3.0, 9.0]
 
 
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
 @pytest.mark.parametrize(
     ("name", "text"),
     [
@@ -237,8 +238,10 @@ def test_time_may_stand_still_and_be_left_out_between(tmp_path: Path) -> None:
         ("log.jsonl", HEADER),
     ],
 )
-def test_empty_records_are_valid(name: str, text: str, tmp_path: Path) -> None:
-    assert versions(read(tmp_path, name, text)) == [PartialMap("r1", "a", (), ())]
+def test_empty_records_are_valid_and_a_byte_order_mark_before_them(
+    name: str, text: str, mark: str, tmp_path: Path
+) -> None:
+    assert versions(read(tmp_path, name, mark + text)) == [PartialMap("r1", "a", (), ())]
 
 
 def test_keys_of_a_json_log_may_come_in_any_order(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ POSE = '"kind": "pose", "x": 0, "y": 0, "heading": 0'
 WALL = '"kind": "wall", "x": 0, "y": 0, "x2": 1, "y2": 0'
 BEAM = WALL.replace("wall", "beam")
 CORNER = '"kind": "corner", "x": 0, "y": 0, "corner": "end"'
+STILL = '"turned": false, ' + POSE
 MEET = '"kind": "meet", "peer": "b", "peer_excursion": "c"'
 
 NO_ROBOT = "robot is missing, a log needs it"
@@ -71,6 +72,12 @@ SPANNING = [
         "t",
         "found 4.5, expected 5.0 or later",
     ),
+    (
+        [record(0, STILL), record(1, STILL), record(2, WALL), record(3, STILL.replace("0", "2"))],
+        3,
+        "turned",
+        "found false at (2.0, 2.0), expected the place of the pose before, (0.0, 0.0)",
+    ),
     *(
         ([record(0, MEET), record(1, early)], 1, "kind",
          "expected a pose before the first wall, corner or beam")
@@ -101,7 +108,7 @@ def test_records_out_of_order_are_refused_in_every_encoding(
 
 
 CSV = ("robot", "excursion", "seq", "kind", "t", "x", "y", "heading", "x2", "y2", "corner", "peer",
-       "peer_excursion")  # fmt: skip
+       "peer_excursion", "turned")  # fmt: skip
 
 
 def _row(one: str) -> str:
@@ -257,7 +264,6 @@ def test_a_wrong_model_is_refused(model: str, problem: str, tmp_path: Path) -> N
         (TOP + ",}", "4: not JSON: Expecting value (column 15)"),
         (TOP + ",\n7: 1}", f"5: {NO_QUOTES}"),
         (TOP.replace("[]", "[{\n'seq': 1}]"), f"5: {NO_QUOTES}"),
-        ("\ufeff" + TOP + "}", "1: not JSON: Unexpected byte-order mark (column 1)"),
     ],
 )  # fmt: skip
 def test_what_is_not_one_json_log_is_refused(text: str, problem: str, tmp_path: Path) -> None:
@@ -275,7 +281,6 @@ def test_what_is_not_one_json_log_is_refused(text: str, problem: str, tmp_path: 
         ([HEADER, "{}"], "2: kind is missing, expected one of pose, wall, beam, corner, meet"),
         ([HEADER, '{"seq": 0, "kind" "pose"}', ""], "2: not JSON: Expecting ':' delimiter"),
         ([HEADER, record(0, POSE) + "," + record(1, POSE), ""], "2: not JSON: Extra data"),
-        (["\ufeff" + HEADER, ""], "1: not JSON: Unexpected byte-order mark"),
         ([HEADER[:-1] + ', "records": []}'], f"1: {RECORDS_INSIDE}"),
         ([HEADER[:-1] + ', "records": []}', "7"], f"1: {RECORDS_INSIDE}"),
         (
@@ -311,6 +316,8 @@ ROW = "r1,a,0,pose,0,0,0\n"
             (HEAD.replace(f"{name},", ""), f"1: the column {name} is missing")
             for name in ("robot", "excursion", "seq", "kind")
         ),
+        (HEAD, "1: a header row and no records below it"),
+        (HEAD + ", ,\t,,,,\n\n", "1: a header row and no records below it"),
         (HEAD + ROW + "r1,a,1,pose,0,0\n", "3: found 6 fields, expected 7 as in the header"),
         (HEAD + ROW + "\nr1,a,1,pose,0,0,0,\n", "4: found 8 fields, expected 7 as in the header"),
         (HEAD + '"r1","a\nb",0,pose,0,0,0\n', f'2: excursion: found "a\\nb", {NAME_EXPECTED}'),

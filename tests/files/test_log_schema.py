@@ -34,6 +34,7 @@ BEYOND_A_SCHEMA = {
     "seq rises": r"seq: found \d+, expected more than \d+, the one before",
     "t never falls": r"t: found \S+, expected \S+ or later",
     "a pose comes first": r"kind: expected a pose before the first wall, corner or beam",
+    "a pose that did not turn stays": r"turned: found false at .*, expected the place of .*",
     "a whole number has no point": r"(seq|upto): found -?\d+\.0, expected a whole number",
     "a version has no point": r"possmap_log: found 1\.0, expected 1",
     "a number is finite": r"\S+: found (NaN|-?Infinity|9+\.\.\.), expected a finite number",
@@ -182,6 +183,7 @@ def test_neither_takes_a_line_that_is_no_header_and_no_record(
 
 POSE = '{"seq": 0, "kind": "pose", "x": 0, "y": 0, "heading": 0}'
 LATER = '{"seq": 1, "t": 5, "kind": "pose", "x": 0, "y": 0, "heading": 0}'
+STILL = LATER.replace('"x": 0', '"x": 1, "turned": false')
 TWICE = POSE.replace("}", ', "x": 0}')
 WALL = '{"seq": 0, "kind": "wall", "x": 0, "y": 0, "x2": 0, "y2": 0}'
 TOP = '{"possmap_log": 1, "robot": "r1", "excursion": "a", "records": '
@@ -194,6 +196,7 @@ TOP = '{"possmap_log": 1, "robot": "r1", "excursion": "a", "records": '
         ("seq rises", f"{TOP}[{POSE}, {LATER}, {LATER}]}}"),
         ("t never falls", f"{TOP}[{POSE}, {LATER}, {LATER.replace('1', '2').replace('5', '4')}]}}"),
         ("a pose comes first", f"{TOP}[{WALL}]}}"),
+        ("a pose that did not turn stays", f"{TOP}[{POSE}, {STILL}]}}"),
         ("a whole number has no point", f"{TOP}[{POSE.replace('0', '0.0')}]}}"),
         ("a version has no point", f"{TOP.replace('1,', '1.0,')}[]}}"),
         ("a number is finite", f"{TOP}[{POSE.replace('0}', 'NaN}')}]}}"),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from literal.teams import CSV_COLUMNS, as_csv, random_team
 
-from possmap.core.records import Meet, PartialMap, Pose, Wall
+from possmap.core.records import Beam, Meet, PartialMap, Pose, Wall
 from possmap.logs import LogFile, read_log
 from possmap.settings.limits import Limits
 
@@ -172,6 +172,7 @@ def test_numbers_are_written_as_programs_write_them(
 
 
 POSES = "robot,excursion,seq,kind,x,y,heading\nr1,a,0,pose,1,2,3\nr1,a,1,pose,4,5,6\n"
+BLANKS = POSES.replace(",", " ,\t").replace("\n", " \n,,,,,,\n , \n")
 
 
 @pytest.mark.parametrize(
@@ -185,13 +186,40 @@ POSES = "robot,excursion,seq,kind,x,y,heading\nr1,a,0,pose,1,2,3\nr1,a,1,pose,4,
         POSES.rstrip("\n"),
         POSES.replace("pose", '"pose"').replace("robot", '"robot"'),
         '\ufeff"robot"' + POSES.removeprefix("robot"),
+        BLANKS,
+        POSES.replace("1,2,3", '1, "2", " 3"'),
     ],
-    ids=["plain", "mark", "windows", "mac", "blank", "no-end", "quoted", "mark-and-quotes"],
-)
-def test_marks_line_ends_blank_lines_and_quotes_change_nothing(text: str, tmp_path: Path) -> None:
+    ids=[
+        "plain", "mark", "windows", "mac", "blank", "no-end", "quoted", "mark-and-quotes",
+        "blanks-and-rows-of-nothing", "blanks-and-quotes",
+    ],
+)  # fmt: skip
+def test_marks_line_ends_blanks_and_quotes_change_nothing(text: str, tmp_path: Path) -> None:
     assert [(v.name, v.records) for v in csv_versions(tmp_path, text)] == [
         (("r1", "a"), (Pose(0, None, 1, 2, 3), Pose(1, None, 4, 5, 6)))
     ]
+
+
+@pytest.mark.parametrize(
+    ("text", "flag"), [("TRUE", True), ("True", True), ("FALSE", False), ("fAlse", False)]
+)
+def test_flags_are_written_as_spreadsheets_and_python_write_them(
+    text: str, flag: bool, tmp_path: Path
+) -> None:
+    table = lines(
+        "robot,excursion,seq,kind,x,y,heading,x2,y2,followed,hit,turned,upto,peer,peer_excursion",
+        "r1,a,0,pose,1,0,0,,,,,,,,",
+        f"r1,a,1,pose,1,0,0,,,,,{text},,,",
+        f"r1,a,2,wall,1,2,,3,4,{text},,,,,",
+        f"r1,a,3,beam,1,2,,3,4,,{text},,,,",
+        "r1,a,4,meet,,,,,,,,,41.0,b,c",  # as pandas writes whole numbers beside gaps
+    )
+    assert csv_versions(tmp_path, table)[0].records[1:] == (
+        Pose(1, None, 1, 0, 0, turned=flag),
+        Wall(2, None, 1, 2, 3, 4, flag),
+        Beam(3, None, 1, 2, 3, 4, flag),
+        Meet(4, None, "b", "c", 41),
+    )
 
 
 def test_excursions_may_be_interleaved(tmp_path: Path) -> None:
@@ -231,7 +259,3 @@ def test_own_columns_are_kept_as_text_and_may_run_over_lines(tmp_path: Path) -> 
     assert second.extra == ""
     assert json.loads(log.deliveries[1].version.records[0].extra) == {"x_note": "7"}
     assert log.deliveries[1].place.endswith("log.csv:5")
-
-
-def test_a_table_without_rows_holds_no_excursion(tmp_path: Path) -> None:
-    assert read(tmp_path, "log.csv", "robot,excursion,seq,kind\n").deliveries == ()

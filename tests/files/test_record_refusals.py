@@ -20,15 +20,16 @@ NAME_EXPECTED = "expected 1 to 64 characters of A-Z a-z 0-9 . _ : -"
 # A valid record of each kind, values as written in JSON, and the type of each field.
 RECORDS = {
     "pose": {"seq": "1", "t": "5", "x": "1", "y": "2", "heading": "3", "error_x": "0",
-             "error_y": "0", "error_heading": "0"},
+             "error_y": "0", "error_heading": "0", "turned": "true"},
     "wall": {"seq": "1", "t": "5", "x": "1", "y": "2", "x2": "3", "y2": "4", "followed": "true"},
     "beam": {"seq": "1", "t": "5", "x": "1", "y": "2", "x2": "3", "y2": "4", "hit": "false"},
     "corner": {"seq": "1", "t": "5", "x": "1", "y": "2", "corner": '"end"'},
     "meet": {"seq": "1", "t": "5", "peer": '"r2"', "peer_excursion": '"b"', "upto": "4"},
 }  # fmt: skip
-OPTIONAL = {"t", "error_x", "error_y", "error_heading", "followed", "hit", "upto"}
+OPTIONAL = {"t", "error_x", "error_y", "error_heading", "followed", "hit", "turned", "upto"}
 TYPES = {
     "seq": "whole", "upto": "whole", "t": "time", "followed": "flag", "hit": "flag",
+    "turned": "flag",
     "error_x": "half-width", "error_y": "half-width", "error_heading": "half-width",
     "corner": "corner", "peer": "name", "peer_excursion": "name",
 }  # fmt: skip
@@ -54,11 +55,14 @@ TOO_LARGE = {
     "1000001": "found 1000001, expected a number within ±1e6",
     "9" * 300: f"found {NINES}..., expected a number within ±1e6",
 }
+TOO_LATE = {
+    f"{sign}1e308": f"found {sign}1e+308, expected a number within ±1e12" for sign in ("", "-")
+}
 NEGATIVE = {"-0.1": "found -0.1, expected a half-width >= 0"}
 WRONG_IN_JSON = {
     "number": NO_NUMBERS_IN_JSON | TOO_LARGE,
     "half-width": NO_NUMBERS_IN_JSON | TOO_LARGE | NEGATIVE,
-    "time": NO_NUMBERS_IN_JSON,
+    "time": NO_NUMBERS_IN_JSON | TOO_LATE,
     "whole": {
         "true": "found true, expected a whole number",
         '"1"': 'found "1", expected a whole number',
@@ -99,7 +103,7 @@ WRONG_IN_JSON = {
 }
 TEXT_FOR_NUMBER = {
     text: f'found "{text}", expected a number'
-    for text in ("true", "NaN", "inf", "-Infinity", "1_0", " 1", "1 ", "0x1", "1,5", "e5")
+    for text in ("true", "NaN", "inf", "-Infinity", "1_0", "1 0", "0x1", "1,5", "e5")
 } | {
     "٣": 'found "\\u0663", expected a number',
     "'1'": "found \"'1'\", expected a number",
@@ -115,18 +119,16 @@ LARGE_TEXT = {
 WRONG_IN_CSV = {
     "number": TEXT_FOR_NUMBER | LARGE_TEXT,
     "half-width": TEXT_FOR_NUMBER | LARGE_TEXT | NEGATIVE,
-    "time": TEXT_FOR_NUMBER,
+    "time": TEXT_FOR_NUMBER | TOO_LATE,
     "whole": {
         "true": 'found "true", expected a whole number',
-        "1.0": 'found "1.0", expected a whole number',
+        "1.5": 'found "1.5", expected a whole number',
         "1e2": 'found "1e2", expected a whole number',
         "-1": "found -1, expected 0 to 2^53 - 1",
         "9007199254740992": "found 9007199254740992, expected 0 to 2^53 - 1",
         "9" * 400: f'found "{"9" * 58}..., expected a whole number',
     },
-    "flag": {
-        text: f'found "{text}", expected true or false' for text in ("True", "FALSE", "1", "yes")
-    },
+    "flag": {text: f'found "{text}", expected true or false' for text in ("wahr", "1", "yes")},
     "corner": {
         "concav": 'found "concav", expected concave, convex or end, did you mean "concave"?'
     },

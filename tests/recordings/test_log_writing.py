@@ -129,10 +129,10 @@ def test_a_csv_has_every_column_and_the_bodys_heading(tmp_path: Path) -> None:
     lines = path.read_text().splitlines()
     assert lines[0] == (
         "robot,excursion,seq,kind,t,x,y,heading,x2,y2,corner,followed,hit,peer,peer_excursion,"
-        "upto,error_x,error_y,error_heading,x_yaw"
+        "upto,error_x,error_y,error_heading,turned,x_yaw"
     )
-    assert lines[1] == "r:1,a,0,pose,0.125,0.5,-1.25,90.0,,,,,,,,,0.1,,2.0,-179.99"
-    assert lines[2] == "r:1,a,1,wall,1.0,0.0,0.0001,,2.0,3.0,,false,,,,,,,,"
+    assert lines[1] == "r:1,a,0,pose,0.125,0.5,-1.25,90.0,,,,,,,,,0.1,,2.0,,-179.99"
+    assert lines[2] == "r:1,a,1,wall,1.0,0.0,0.0001,,2.0,3.0,,false,,,,,,,,,"
 
 
 def test_json_has_one_record_a_line(tmp_path: Path) -> None:

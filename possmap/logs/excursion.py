@@ -2,36 +2,42 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 from possmap.core.records import Meet, OwnModel, PartialMap, Pose, Record
 from possmap.errors import shown
-from possmap.logs.fields import Fault, as_object, model_of, name_of, own_keys
+from possmap.logs.fields import Fault, as_object, model_of, name_of, own_keys, own_text
 
 FORMAT_VERSION = 1
 _HEADER = {"possmap_log", "robot", "excursion", "model"}
 
 
+class Version(NamedTuple):
+    """What a file holds of an excursion, and the line on which it begins.
+
+    carrier : robot and excursion of the log that carried it; None for the robot's own.
+    """
+
+    line: int
+    content: PartialMap
+    carrier: tuple[str, str] | None
+
+
 @dataclass(frozen=True, slots=True)
 class Header:
-    """The keys that name a log. ``version`` is None where possmap_log is absent."""
+    """The keys that name a log, and its user's own; ``version`` is None where it is absent."""
 
     robot: str
     excursion: str
     model: OwnModel
     version: int | None
-    extra: str
+    own: dict[str, object]
 
-    def with_extras(self, more: Sequence[str]) -> Header:
-        """Return the header with the ``x_`` keys of others; the later value of a key stays."""
-        if not more:
-            return self
-        every = json.loads(self.extra or "{}")
-        for text in more:
-            every |= json.loads(text)
-        return replace(self, extra=json.dumps(every, separators=(",", ":")))
+    @property
+    def name(self) -> tuple[str, str]:
+        """Robot and excursion."""
+        return self.robot, self.excursion
 
 
 def header_of(value: object, nesting: int, needs_version: bool) -> Header:
@@ -46,25 +52,18 @@ def header_of(value: object, nesting: int, needs_version: bool) -> Header:
     version: int | None = None
     if "possmap_log" in fields:  # first of all: a newer version may well have other keys
         version = version_of(fields["possmap_log"])
-    extra = own_keys(fields, _HEADER, "a log", nesting)
+    own = own_keys(fields, _HEADER, "a log", nesting)
     if version is None and needs_version:
         raise Fault((), f"possmap_log is missing, expected {FORMAT_VERSION}")
     for name in ("robot", "excursion"):
         if name not in fields:
             raise Fault((), f"{name} is missing, a log needs it")
-    model: OwnModel = ()
-    if "model" in fields:
-        try:
-            model = model_of(fields["model"])
-        except Fault as fault:
-            raise fault.below("model") from None
-    return Header(
-        name_of("robot", fields["robot"]),
-        name_of("excursion", fields["excursion"]),
-        model,
-        version,
-        extra,
-    )
+    try:
+        model = model_of(fields.get("model", {}))
+    except Fault as fault:
+        raise fault.below("model") from None
+    robot, excursion = (name_of(name, fields[name]) for name in ("robot", "excursion"))
+    return Header(robot, excursion, model, version, own)
 
 
 def version_of(found: object) -> int:
@@ -83,12 +82,18 @@ def version_of(found: object) -> int:
     return found
 
 
-class ExcursionBuilder:
+def too_many(limit: int) -> Fault:
+    """Return what is wrong with a file of more excursions than it may hold."""
+    return Fault((), f"found more than {limit} excursions (setting limit_file_excursions)")
+
+
+class Excursion:
     """Collects the records of one excursion in order; ``add`` refuses what breaks the order."""
 
-    def __init__(self) -> None:
+    def __init__(self, line: int = 1) -> None:
+        self.line = line
         self.records: list[Record] = []
-        self._last_pose: Pose | None = None
+        self._pose: Pose | None = None
         self._last_t: float | None = None
 
     def add(self, record: Record) -> None:
@@ -97,7 +102,8 @@ class ExcursionBuilder:
         Raises
         ------
         Fault
-            For a falling seq or time, or a sighting before the first pose.
+            For a falling seq or time, a sighting before the first pose, or a pose that did not
+            turn and lies elsewhere than the one before.
         """
         records, seq, t = self.records, record.seq, record.t
         if not records:
@@ -106,14 +112,11 @@ class ExcursionBuilder:
         elif seq <= records[-1].seq:
             last = records[-1].seq
             raise Fault(("seq",), f"found {seq}, expected more than {last}, the one before")
-        last_pose = self._last_pose
         if isinstance(record, Pose):
-            if record.turned is False and last_pose is not None and _moved(last_pose, record):
-                expected = f"{last_pose.x}, {last_pose.y} of the pose before"
-                where = f"of a pose at {record.x}, {record.y}, expected the place {expected}"
-                raise Fault(("turned",), f"found false {where}")
-            self._last_pose = record
-        elif last_pose is None and not isinstance(record, Meet):
+            if record.turned is False:
+                _check_place(record, self._pose)
+            self._pose = record
+        elif self._pose is None and not isinstance(record, Meet):
             raise Fault(("kind",), "expected a pose before the first wall, corner or beam")
         if t is not None:
             if self._last_t is not None and t < self._last_t:
@@ -121,12 +124,14 @@ class ExcursionBuilder:
             self._last_t = t
         records.append(record)
 
-    def build(self, header: Header) -> PartialMap:
+    def version(self, header: Header, carrier: tuple[str, str] | None = None) -> Version:
         """Return the excursion so far, under its header's name."""
-        return PartialMap(
-            header.robot, header.excursion, header.model, tuple(self.records), header.extra
-        )
+        extra, records = own_text(header.own), tuple(self.records)
+        content = PartialMap(header.robot, header.excursion, header.model, records, extra)
+        return Version(self.line, content, carrier)
 
 
-def _moved(one: Pose, other: Pose) -> bool:
-    return one.x != other.x or one.y != other.y
+def _check_place(pose: Pose, before: Pose | None) -> None:
+    if before is not None and (pose.x, pose.y) != (before.x, before.y):
+        expected = f"the place of the pose before, ({before.x}, {before.y})"
+        raise Fault(("turned",), f"found false at ({pose.x}, {pose.y}), expected {expected}")
