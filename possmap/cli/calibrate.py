@@ -13,8 +13,9 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.lab.calibrate.results import Calibration, Estimate, RobotResult
-    from possmap.lab.calibrate.run import Request
+    from possmap.lab.calibrate.estimates import Estimate
+    from possmap.lab.calibrate.results import Calibration, RobotResult
+    from possmap.lab.calibrate.run import CalibrationRequest
 
 UNITS = {
     "along": "m/m", "across": "m/m", "turn_bias": "deg/45", "turn_gain": "", "turn_noise": "deg/45",
@@ -129,7 +130,7 @@ def _request(
     legs: tuple[float, ...],
     start_error: tuple[float, float, float],
     seed: int,
-) -> Request:
+) -> CalibrationRequest:
     """Return what the options ask for.
 
     Raises
@@ -138,7 +139,7 @@ def _request(
         For a name that is none.
     """
     from possmap.lab.calibrate.recordings import RecordingsRequest
-    from possmap.lab.calibrate.run import Request
+    from possmap.lab.calibrate.run import CalibrationRequest
     from possmap.lab.recordings import Source, find_mapping, read_mapping
     from possmap.logs.fields import NAME
 
@@ -166,7 +167,9 @@ def _request(
             truth=truth,
             robot=robot,
         )
-    return Request(recordings=recordings, seed=seed, lengths=legs, start_error=start_error)
+    return CalibrationRequest(
+        recordings=recordings, seed=seed, lengths=legs, start_error=start_error
+    )
 
 
 def to_json(found: Calibration, output: Path) -> dict[str, Any]:
@@ -184,13 +187,13 @@ def to_json(found: Calibration, output: Path) -> dict[str, Any]:
 
 
 def _robot(one: RobotResult) -> dict[str, Any]:
-    from possmap.lab.calibrate.verdict import verdict
+    from possmap.lab.calibrate.words import findings
 
     validation = one.validation
     tests = {
-        "normal_along": one.along_normal, "normal_across": one.across_normal,
-        "independent": one.independent, "along_proportional": one.along_grows,
-        "across_proportional": one.across_grows,
+        "normal_along": one.tests.along_normal, "normal_across": one.tests.across_normal,
+        "independent": one.tests.independent, "along_proportional": one.tests.along_grows,
+        "across_proportional": one.tests.across_grows,
     }  # fmt: skip
     return {
         "trials": len(one.trials),
@@ -215,7 +218,7 @@ def _robot(one: RobotResult) -> dict[str, Any]:
         },
         "legs": [dataclasses.asdict(leg) for leg in one.legs],
         "left_over": dict(one.leftover),
-        "verdict": list(verdict(one)),
+        "verdict": list(findings(one)),
         "notes": list(one.notes),
     }
 
@@ -239,7 +242,7 @@ def report(found: Calibration, verbose: bool) -> None:
 
 
 def _report_one(one: RobotResult, verbose: bool) -> None:
-    from possmap.lab.calibrate.verdict import test_words, verdict
+    from possmap.lab.calibrate.words import findings, test_words
 
     heading = one.fit.heading
     factor = one.parameters.get("factor")
@@ -251,13 +254,7 @@ def _report_one(one: RobotResult, verbose: bool) -> None:
     click.echo(f"  {'parameter':<17}{'estimate':>10}  {'95 % limits':^21}  {'model':>10}  detects")
     for name, told in one.estimates.items():
         click.echo(_row(name, told))
-    for name, words in (
-        test_words(
-            one.along_normal, one.across_normal, one.independent, one.along_grows, one.across_grows
-        )
-        if heading.runs
-        else ()
-    ):
+    for name, words in test_words(one.tests) if heading.runs else ():
         click.echo(f"  {name:<17} {words}")
     for leg in one.legs if verbose else ():
         click.echo(
@@ -265,7 +262,7 @@ def _report_one(one: RobotResult, verbose: bool) -> None:
             f"{leg.end_coverage:.0%} of {leg.legs} ends inside, {leg.half_width:.2f} m half-wide "
             f"at the end ({leg.estimator})"
         )
-    for sentence in verdict(one):
+    for sentence in findings(one):
         click.echo(f"  - {sentence}")
     for note in one.notes:
         click.echo(f"  ! {note}")

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from possmap.cli.calibrate import to_json
 from possmap.core.model import ErrorModel
-from possmap.lab.calibrate.fleet import calibrate
-from possmap.lab.calibrate.picture import sheet
+from possmap.lab.calibrate.report import sheet
+from possmap.lab.calibrate.robots import calibrate
 from possmap.lab.calibrate.trials import Trial
 
 

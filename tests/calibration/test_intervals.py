@@ -61,16 +61,6 @@ def test_limits_hold_the_true_parameters_as_often_as_they_say() -> None:
     assert float(np.mean(coverage)) == pytest.approx(0.95, abs=0.015)
 
 
-def test_limits_hold_where_only_ends_were_measured() -> None:
-    rng, faults, held = np.random.default_rng(12), Faults(), Counter[str]()
-    for _ in range(REPETITIONS):
-        fit = fit_model(trials(faults, rng, 10, heading=False))
-        for name in ("drift", "turn_bias", "turn_gain"):
-            limits = fit.heading.effect_interval(name)  # type: ignore[arg-type]
-            held[name] += limits.low <= getattr(faults, name) <= limits.high
-    assert all(count / REPETITIONS >= LEAST for count in held.values()), held
-
-
 def outings_held(repetitions: int, seed: int) -> Counter[str]:
     """Return how often limits held for a robot whose faults differ from outing to outing."""
     rng, held = np.random.default_rng(seed), Counter[str]()

@@ -10,12 +10,12 @@ import pytest
 from calibrated import PAPER, SPINS, Faults, trials
 
 from possmap.core.model import ErrorModel
-from possmap.lab.calibrate.fleet import calibrate
-from possmap.lab.calibrate.pieces import Outing, cut, without_mount
-from possmap.lab.calibrate.robot import Unusable, calibrate_robot
+from possmap.lab.calibrate.cutting import TrueTrack, cut, without_mount
+from possmap.lab.calibrate.robots import Unusable, calibrate, calibrate_robot
+from possmap.lab.calibrate.sensor import alignment, sensor
 from possmap.lab.calibrate.trials import Trial
-from possmap.lab.calibrate.verdict import verdict
-from possmap.lab.calibrate.walls import alignment, distances, sensor
+from possmap.lab.calibrate.words import findings
+from possmap.lab.evaluate.frame import distances
 
 PAPERS = Faults(turn_gain=0.0, drift=0.0, scale=1.0)
 
@@ -26,7 +26,7 @@ def rng(seed: int = 1) -> np.random.Generator:
 
 def test_the_papers_robot_fits_the_papers_model() -> None:
     result = calibrate_robot("r1", trials(PAPERS, rng(2)), rng())
-    words = " ".join(verdict(result))
+    words = " ".join(findings(result))
     assert words.startswith("The paper's model fits: ")
     assert "turn_bias earns its place" in words
     assert {"drift", "turn_gain", "scale"} <= set(result.left_out)
@@ -37,7 +37,7 @@ def test_the_papers_robot_fits_the_papers_model() -> None:
 def test_a_robot_with_unequal_wheels_needs_more_than_the_paper_has() -> None:
     faults = Faults(drift=1.0, scale=0.96, turn_gain=0.03)
     result = calibrate_robot("r1", trials(faults, rng(3)), rng())
-    first, *rest = verdict(result)
+    first, *rest = findings(result)
     assert "does not fit" in first and "drift" in first and "scale" in first
     assert any(line.startswith("drift earns its place") for line in rest)
     assert result.validation is not None
@@ -55,7 +55,7 @@ def test_the_model_is_one_that_the_method_takes() -> None:
 def test_the_same_trials_give_the_same_result() -> None:
     some = trials(Faults(), rng(5), 8)
     one, other = (calibrate_robot("r1", some, rng(9)) for _ in range(2))
-    assert one.parameters == other.parameters and one.along_normal == other.along_normal
+    assert one.parameters == other.parameters and one.tests == other.tests
 
 
 def test_robots_that_differ_are_told_apart_and_the_pooled_spread_holds_their_difference() -> None:
@@ -98,7 +98,7 @@ def test_few_trials_are_said_to_be_few_and_the_factor_grows() -> None:
     result = calibrate_robot("r1", trials(Faults(), rng(6), 1), rng())
     assert result.fit.heading.runs == 4 and result.parameters["factor"] > 4
     assert any("only 4 runs" in note for note in result.notes)
-    assert any("too little to test it" in line or "no" in line for line in verdict(result))
+    assert any("too little to test it" in line or "no" in line for line in findings(result))
 
 
 def test_a_trial_far_off_is_named() -> None:
@@ -128,7 +128,7 @@ def test_a_robot_that_never_turned_keeps_the_default_over_turn() -> None:
     assert any("no turns" in note for note in result.notes)
 
 
-def track(drift: float, mount: float, seed: int = 3, legs: int = 60) -> Outing:
+def track(drift: float, mount: float, seed: int = 3, legs: int = 60) -> TrueTrack:
     """Return a track of turns and runs, seen by someone whose idea of ahead is off [deg]."""
     draw = rng(seed)
     logged, true = [(0.0, 0.0, 0.0)], [(5.0, -2.0, 30.0)]
@@ -151,7 +151,7 @@ def track(drift: float, mount: float, seed: int = 3, legs: int = 60) -> Outing:
         )
     seen = np.array(true)
     seen[:, 2] += mount
-    return Outing("r1", "a", np.array(logged), seen, np.zeros(2 * legs, dtype=np.bool_))
+    return TrueTrack("r1", "a", np.array(logged), seen, np.zeros(2 * legs, dtype=np.bool_))
 
 
 def test_a_track_is_cut_into_its_turns_and_runs() -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from possmap.core.settings import Estimator
 from possmap.lab.calibrate.heading import TERMS, Term
 from possmap.lab.calibrate.model import Fit, fit_model, paper_model
-from possmap.lab.calibrate.rectangles import Held, hold
+from possmap.lab.calibrate.rectangles import HeldTrials, hold
 from possmap.lab.calibrate.trials import Floats, Trial
 
 FOLDS = 10
@@ -198,7 +198,7 @@ def _left_out(
     return found if any(which for _, which in found) else None
 
 
-def _held(trials: Sequence[Trial], folded: _Folded, estimator: Estimator) -> Held:
+def _held(trials: Sequence[Trial], folded: _Folded, estimator: Estimator) -> HeldTrials:
     error = np.full((len(trials), 3), np.nan)
     half = np.full((len(trials), 3), np.nan)
     for fit, which in folded:
@@ -206,10 +206,10 @@ def _held(trials: Sequence[Trial], folded: _Folded, estimator: Estimator) -> Hel
             continue
         part = hold([trials[k] for k in which], fit.model, estimator)
         error[which], half[which] = part.error, part.half
-    return Held(error, half)
+    return HeldTrials(error, half)
 
 
-def score(held: Held) -> Score:
+def score(held: HeldTrials) -> Score:
     """Sum up trials held against rectangles."""
     inside, heading = held.inside, held.heading_inside
     runs, told = ~np.isnan(inside), ~np.isnan(heading)
@@ -223,7 +223,7 @@ def score(held: Held) -> Score:
     )
 
 
-def _unit(held: Held) -> Floats:
+def _unit(held: HeldTrials) -> Floats:
     """Return the mean half-width of each axis, shape (3,); 1 where nothing is told."""
     told = ~np.isnan(held.error)
     summed = np.where(told, held.half, 0.0).sum(axis=0)
@@ -231,7 +231,7 @@ def _unit(held: Held) -> Floats:
     return found
 
 
-def _winkler(held: Held, unit: Floats) -> Floats:
+def _winkler(held: HeldTrials, unit: Floats) -> Floats:
     """Return each trial's interval score, mean over what it tells, in units of half-widths."""
     over = np.maximum(0.0, np.abs(held.error) - held.half)
     each = (2 * held.half + _PENALTY * over) / (2 * unit)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 
-from possmap.lab.calibrate.checks import POWER
+from possmap.lab.calibrate.assumptions import POWER
 from possmap.lab.calibrate.factor import limit_factor
 from possmap.lab.calibrate.heading import LEAST, Cause, Term
 from possmap.lab.calibrate.model import Fit
 from possmap.lab.calibrate.reml import CONFIDENCE, Interval
-from possmap.lab.calibrate.results import Estimate
 
 _HALF_WIDTHS: Mapping[Cause, str] = {
     "run": "across", "turn": "turn_noise", "outing_turn": "turn_spread",
@@ -19,6 +19,32 @@ _HALF_WIDTHS: Mapping[Cause, str] = {
 
 KNOWN: tuple[Term, ...] = ("scale", "drift", "turn_bias", "turn_gain")
 """Terms that may be nothing; turns always have some noise."""
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """One parameter of METHOD §1, in its units.
+
+    Attributes
+    ----------
+    value, low, high
+        With 95 % limits. A spread is told as a half-width of 2.236 standard deviations of what
+        truly varies; without what the trials leave open.
+    model
+        What goes into the model: for spreads, the factor for new runs, and with what is left open.
+        None: it is left out.
+    trials
+        How many speak of it.
+    detectable
+        The smallest value that so many find four times out of five; None where it is no test.
+    """
+
+    value: float
+    low: float
+    high: float
+    model: float | None
+    trials: int
+    detectable: float | None = None
 
 
 def estimates(full: Fit, chosen: Fit) -> dict[str, Estimate]:

@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from possmap.lab.calibrate.reml import Interval, Problem
-from possmap.lab.calibrate.trials import UNIT_TURN_DEG, Flags, Floats, Table, Trial
+from possmap.lab.calibrate.trials import Flags, Floats, Trial, TrialTable
 
 Term: TypeAlias = Literal["scale", "drift", "turn_bias", "turn_gain", "turn_noise"]
 TERMS: tuple[Term, ...] = ("scale", "drift", "turn_bias", "turn_gain", "turn_noise")
@@ -59,6 +59,31 @@ class HeadingFit:
         fitted = self.problem.at(self.problem.variances)
         return float(fitted.beta[self.effects.index(name)])
 
+    def known(self, turned: Floats, turn: Floats, reach: Floats) -> Floats:
+        """Return the known part of heading errors [deg].
+
+        Parameters
+        ----------
+        turned, turn, reach
+            How far each turned either way, in units of 45°; to the left [deg]; and ran [m].
+        """
+        found: Floats = (
+            self.effect("turn_bias") * turned
+            + self.effect("turn_gain") * turn
+            + self.effect("drift") * reach
+        )
+        return found
+
+    def spread(self, run: Flags | bool, turned: Floats, reach: Floats) -> Floats:
+        """Return the variance about the known part [deg²]."""
+        found: Floats = (
+            self.variance("run") * np.asarray(run, dtype=np.float64)
+            + self.variance("turn") * turned
+            + self.variance("outing_turn") * turned**2
+            + self.variance("outing_drift") * reach**2
+        )
+        return found
+
     def error(self, **weights: float) -> float:
         """Return the standard error of a combination of effects."""
         which = np.array([weights.get(name, 0.0) for name in self.effects])
@@ -96,13 +121,9 @@ def fit_heading(
     least_outings
         Of how many outings what is drawn once per outing is estimated; None: never.
     """
-    table = Table.of(trials)
+    table = TrialTable.of(trials)
     use = table.told | table.run
-    turned_too = np.where(table.told, np.abs(table.bend) / UNIT_TURN_DEG, 0.0)
-    turned = table.turned + turned_too
-    net = table.turn + np.where(table.told, table.bend, 0.0)
-    reach = table.distance * np.where(table.told, 1.0, 0.5)
-    y = np.where(table.told, table.heading, table.direction)
+    turned, net, reach, y = table.turned_told, table.turn_told, table.reach, table.angle
     is_turn = use & np.array([one.is_turn for one in trials], dtype=np.bool_)
     turns, runs = int(is_turn.sum()), int((use & table.run).sum())
     left, right = int((is_turn & (net > 0)).sum()), int((is_turn & (net < 0)).sum())

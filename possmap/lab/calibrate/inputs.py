@@ -12,12 +12,11 @@ import numpy as np
 from possmap.core.records import PartialMap, Pose
 from possmap.core.track import stretches
 from possmap.errors import LogError, RecordingError
-from possmap.lab.calibrate.pieces import Outing, cut
-from possmap.lab.calibrate.repeats import repeated
-from possmap.lab.calibrate.results import Estimate
+from possmap.lab.calibrate.cutting import TrueTrack, cut
+from possmap.lab.calibrate.estimates import Estimate
+from possmap.lab.calibrate.sensor import alignment, sensor
 from possmap.lab.calibrate.trials import Floats, Trial
-from possmap.lab.calibrate.trials_file import read_trials
-from possmap.lab.calibrate.walls import alignment, sensor
+from possmap.lab.calibrate.trials_file import read_trials, repeated
 from possmap.lab.evaluate.tracks import HEADING, X, Y, matched
 from possmap.lab.evaluate.true_poses import true_walls
 from possmap.logs import encoding_of, read_log
@@ -39,7 +38,7 @@ class Material:
     """
 
     trials: list[Trial]
-    outings: list[Outing] = field(default_factory=list)
+    outings: list[TrueTrack] = field(default_factory=list)
     walls: dict[str, dict[str, Estimate]] = field(default_factory=dict)
     mounts: dict[str, float] = field(default_factory=dict)
     pool: bool = True
@@ -114,7 +113,7 @@ def of_simulation(folder: Path) -> Material:
     return found
 
 
-def _logged(version: PartialMap, track: Floats, rows: dict[int, int]) -> Outing | None:
+def _logged(version: PartialMap, track: Floats, rows: dict[int, int]) -> TrueTrack | None:
     """Return the poses of a log that the truth knows; None for fewer than two."""
     if len(rows) < 2:
         return None
@@ -125,10 +124,10 @@ def _logged(version: PartialMap, track: Floats, rows: dict[int, int]) -> Outing 
     true[:, 2] = np.degrees(np.unwrap(np.radians(true[:, 2])))
     ends = {one.end_index: one.is_followed for one in stretches(version.records)}
     followed = np.array([ends.get(index, False) for index in rows][1:], dtype=np.bool_)
-    return Outing(version.robot, version.excursion, logged, true, followed, exact=True)
+    return TrueTrack(version.robot, version.excursion, logged, true, followed, exact=True)
 
 
-def _lined_up(outing: Outing) -> Iterator[float]:
+def _lined_up(outing: TrueTrack) -> Iterator[float]:
     """Yield by how much a robot's way along walls truly lies off what it believes [deg]."""
     for start in np.flatnonzero(outing.followed):
         here, there = (

@@ -11,8 +11,7 @@ import numpy as np
 from possmap.core.model import ErrorModel
 from possmap.lab.calibrate.factor import rectangle_factor
 from possmap.lab.calibrate.heading import LEAST, TERMS, HeadingFit, Term, fit_heading
-from possmap.lab.calibrate.persistence import Persistence
-from possmap.lab.calibrate.trials import UNIT_TURN_DEG, Floats, Table, Trial
+from possmap.lab.calibrate.trials import UNIT_TURN_DEG, Floats, Trial, TrialTable
 
 EXCESS = 1.2
 """Ends that scatter so many times more than headings make a model wider, and it says so."""
@@ -36,8 +35,6 @@ class Fit:
         How many times more the directions of ends scatter than the headings explain; at least 1.
     between, robots
         Of a fleet: deviation of the robots' scales, and how many; 0 and 1 within one robot.
-    stays_along, stays_heading
-        What stays of errors from trial to trial, of tracks; None for trials made one by one.
     """
 
     terms: frozenset[Term]
@@ -48,8 +45,6 @@ class Fit:
     excess: float
     between: float = 0.0
     robots: int = 1
-    stays_along: Persistence | None = None
-    stays_heading: Persistence | None = None
 
     @property
     def model(self) -> ErrorModel:
@@ -67,28 +62,18 @@ def chord_share(drift: float, distance: Floats) -> Floats:
     return np.sinc(np.clip(bend / np.pi, -0.5, 0.5))
 
 
-def lengths(table: Table, drift: float) -> Floats:
+def lengths(table: TrialTable, drift: float) -> Floats:
     """Return true over asked length of each run, its bend undone; shape (runs,)."""
     straight: Floats = table.stretch[table.run]
     return straight / chord_share(drift, table.distance[table.run])
 
 
-def directions(table: Table, fit: HeadingFit) -> tuple[Floats, Floats]:
+def directions(table: TrialTable, fit: HeadingFit) -> tuple[Floats, Floats]:
     """Return each run's direction error less what is known [deg], and its deviation; (runs,)."""
     run = table.run
-    known = (
-        fit.effect("turn_gain") * table.turn[run]
-        + fit.effect("turn_bias") * table.turned[run]
-        + fit.effect("drift") * table.distance[run] / 2
-    )
     turned, half = table.turned[run], table.distance[run] / 2
-    variance = (
-        fit.variance("run")
-        + fit.variance("turn") * turned
-        + fit.variance("outing_turn") * turned**2
-        + fit.variance("outing_drift") * half**2
-    )
-    return table.direction[run] - known, np.sqrt(variance)
+    known = fit.known(turned, table.turn[run], half)
+    return table.direction[run] - known, np.sqrt(fit.spread(True, turned, half))
 
 
 def fit_model(trials: Sequence[Trial], terms: Collection[Term] = TERMS, fleet: bool = False) -> Fit:
@@ -181,7 +166,7 @@ class _Ends:
     ) -> _Ends:
         if heading.runs < LEAST:
             return cls(math.nan, math.nan, 1.0, free)
-        table = Table.of(trials)
+        table = TrialTable.of(trials)
         shares = lengths(table, heading.effect("drift"))
         scale = float(shares.mean()) if free else 1.0
         square = float(((shares - scale) ** 2).sum()) / (len(shares) - free)

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from possmap.errors import RecordingError, SettingsError, plural, printable
+from possmap.lab.calibrate.cutting import TrueTrack, cut, without_mount
 from possmap.lab.calibrate.inputs import Material
-from possmap.lab.calibrate.pieces import Outing, cut, without_mount
 from possmap.lab.calibrate.trials import Floats, Trial
 from possmap.lab.convert.legs import Reference
 from possmap.lab.convert.samples import Samples, joined, unwrapped
@@ -165,7 +165,7 @@ def _reference(path: Path, source: Source, progress: Callable[[int, str], Any] |
 
 def _outings(
     samples: Samples, true: Reference, robot: str, name: str, path: str, found: Material
-) -> Iterator[Outing]:
+) -> Iterator[TrueTrack]:
     """Yield the stretches of a track that have a truth and no jump, as runs and turns."""
     samples = _at_stamps(samples, true)
     after = np.minimum(np.searchsorted(true.t, samples.t), len(true.t) - 1)
@@ -193,7 +193,7 @@ def _outings(
         at = line.index + start
         logged = np.column_stack([line.x, line.y, np.degrees(samples.yaw[at])])
         truth = np.column_stack([x[at], y[at], np.degrees(yaw[at])])
-        yield Outing(
+        yield TrueTrack(
             robot, name if start == 0 else f"{name}@{int(start)}", logged, truth,
             np.zeros(max(0, len(at) - 1), dtype=np.bool_),
         )  # fmt: skip

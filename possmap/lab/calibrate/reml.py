@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from possmap.lab.calibrate.descent import least
 from possmap.lab.calibrate.trials import Floats
 
 CONFIDENCE = 0.95
@@ -146,6 +145,8 @@ class Problem:
 
     def _best(self, held: Floats, start: Floats | None = None) -> Floats:
         """Return the most likely variances with some held where they are given (not NaN)."""
+        from scipy import optimize
+
         free = np.isnan(held)
         found = np.where(free, 0.0, held)
         if not free.any():
@@ -155,32 +156,58 @@ class Problem:
         if start is not None:
             begin = np.maximum(start[free], 1e-3 * begin)
 
-        unit = begin
+        def deviance(shares: Floats) -> tuple[float, Floats]:
+            found[free] = shares * begin
+            fitted = self.at(found)
+            if not math.isfinite(fitted.deviance):
+                return _FAR**2, np.zeros(len(shares))
+            return fitted.deviance, self._slope(found, fitted)[free] * begin
 
-        def deviance(shares: Floats) -> float:
-            found[free] = shares * unit
-            return self.at(found).deviance
-
-        def slope(shares: Floats) -> Floats:
-            found[free] = shares * unit
-            steep: Floats = self._slope(found)[free] * unit
-            return steep
-
-        best = least(deviance, np.ones(len(begin)), None if self.shared.shape[1] else slope)
-        found[free] = best * unit
+        best = optimize.minimize(
+            deviance,
+            np.ones(len(begin)),
+            jac=True,
+            method="TNC",  # docs/decisions: L-BFGS-B waits for the threads of a BLAS
+            bounds=[(0.0, None)] * len(begin),
+            options={"maxfun": 1000, "ftol": 1e-12, "gtol": 1e-8, "xtol": 1e-10},
+        )
+        found[free] = best.x * begin
         return found
 
-    def _slope(self, variances: Floats) -> Floats:
-        """Return the deviance's derivatives, shape (c,), where nothing is drawn per outing.
+    def _slope(self, variances: Floats, fitted: Fitted) -> Floats:
+        """Return the deviance's derivatives, shape (c,): tr(P·Vₖ) - yᵀ·P·Vₖ·P·y.
 
-        They are tr(P·Vₖ) - yᵀ·P·Vₖ·P·y with diagonal Vₖ, and P = W - W·X·(XᵀWX)⁻¹·Xᵀ·W.
+        P = V⁻¹ - V⁻¹·X·(XᵀV⁻¹X)⁻¹·Xᵀ·V⁻¹; Vₖ is diagonal, or s·sᵀ within each outing.
         """
-        fitted = self.at(variances)
-        noise = (self.own * variances).sum(axis=1) + _FLOOR * self.scale
-        left = (self.y - (self.x * fitted.beta).sum(axis=1)) / noise
-        explained = np.einsum("ni,ij,nj->n", self.x, fitted.covariance, self.x) / noise**2
-        found: Floats = (self.own * (1 / noise - explained - left**2)[:, None]).sum(axis=0)
-        return found
+        count = self.own.shape[1]
+        order, first = self._order
+        x, own, shared = self.x[order], self.own[order], self.shared[order]
+        w = 1 / ((own * variances[:count]).sum(axis=1) + _FLOOR * self.scale)
+        rest = self.y[order] - (x * fitted.beta).sum(axis=1)
+        columns = np.column_stack([x, rest, shared])
+        solved = w[:, None] * columns  # V⁻¹ times each column, and the diagonal of V⁻¹
+        diagonal = w
+        if shared.shape[1]:
+            root = shared * np.sqrt(variances[count:])
+            weighted = w[:, None] * root
+            inner = np.add.reduceat(weighted[:, :, None] * root[:, None, :], first)
+            inner = np.linalg.inv(inner + np.eye(root.shape[1]))
+            cross = np.add.reduceat(weighted[:, :, None] * columns[:, None, :], first)
+            group = np.repeat(np.arange(len(first)), np.diff(first, append=len(order)))
+            own_part = np.einsum("ni,nij->nj", weighted, inner[group])
+            solved = solved - np.einsum("ni,nij->nj", own_part, cross[group])
+            diagonal = diagonal - (own_part * weighted).sum(axis=1)
+        z, u, of_shared = np.split(solved, [x.shape[1], x.shape[1] + 1], axis=1)
+        diagonal = diagonal - np.einsum("ni,ij,nj->n", z, fitted.covariance, z)
+        found: Floats = (own * (diagonal - u[:, 0] ** 2)[:, None]).sum(axis=0)
+        if not shared.shape[1]:
+            return found
+        along = np.add.reduceat(shared[:, :, None] * z[:, None, :], first)
+        trace = (shared * of_shared).sum(axis=0)
+        trace -= np.einsum("gki,ij,gkj->k", along, fitted.covariance, along)
+        return np.concatenate(
+            [found, trace - (np.add.reduceat(shared * u, first) ** 2).sum(axis=0)]
+        )
 
     def interval(self, which: int) -> Interval:
         """Return one variance with its limits by the likelihood's profile [deg²]."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,17 +13,16 @@ import numpy as np
 from possmap.atomic import check_output, replacing_all
 from possmap.core.model import ErrorModel
 from possmap.errors import MissingExtra, OutputError, PossmapError, printable
-from possmap.lab.calibrate.fleet import calibrate
+from possmap.lab.calibrate.cutting import TrueTrack, cut, turned
 from possmap.lab.calibrate.heading import TERMS
 from possmap.lab.calibrate.inputs import TRUTH, Material, of_simulation, of_tables
-from possmap.lab.calibrate.legs import LENGTHS, Errors, held_legs
 from possmap.lab.calibrate.model import fit_model
-from possmap.lab.calibrate.pieces import Outing, cut
+from possmap.lab.calibrate.outliers import without_slips
 from possmap.lab.calibrate.recordings import RecordingsRequest, of_recordings
-from possmap.lab.calibrate.results import Calibration, LegScore, RobotResult
-from possmap.lab.calibrate.slips import without_slips
-from possmap.lab.calibrate.tracks import for_tracks
-from possmap.lab.calibrate.trials import Trial
+from possmap.lab.calibrate.rectangles import Errors, LegScore, held_legs
+from possmap.lab.calibrate.results import Calibration, RobotResult
+from possmap.lab.calibrate.robots import calibrate
+from possmap.lab.calibrate.variance_ratio import for_tracks
 from possmap.release import version
 from possmap.settings.settings_yaml import model_yaml
 
@@ -34,7 +32,7 @@ class CalibrationError(PossmapError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Request:
+class CalibrationRequest:
     """What ``possmap calibrate`` is asked for.
 
     Attributes
@@ -51,14 +49,14 @@ class Request:
 
     recordings: RecordingsRequest | None = None
     seed: int = 1
-    lengths: tuple[float, ...] = LENGTHS
+    lengths: tuple[float, ...] = (10.0, 20.0, 40.0)
     start_error: Errors = (0.0, 0.0, 0.0)
 
 
 def calibrate_files(
     paths: Sequence[Path],
     output: Path,
-    request: Request | None = None,
+    request: CalibrationRequest | None = None,
     *,
     picture: Path | None = None,
     overwrite: bool = False,
@@ -77,7 +75,7 @@ def calibrate_files(
     OutputError
         If an output exists, or cannot be written.
     """
-    request = request or Request()
+    request = request or CalibrationRequest()
     if importlib.util.find_spec("scipy") is None:
         raise MissingExtra("possmap calibrate", "calibrate")
     _check(output, picture, overwrite)
@@ -92,7 +90,7 @@ def calibrate_files(
     with replacing_all([output] if picture is None else [output, picture], overwrite) as streams:
         streams[0].write(as_yaml(found, paths).encode())
         if picture is not None:
-            from possmap.lab.calibrate.picture import sheet
+            from possmap.lab.calibrate.report import sheet
             from possmap.pictures.png import write_png
 
             write_png(sheet(found), streams[1], {"Software": f"possmap {version()}"})
@@ -121,7 +119,7 @@ def _refuse_twice(paths: Sequence[Path]) -> None:
 
 
 def _material(
-    paths: Sequence[Path], request: Request, progress: Callable[[int, str], Any] | None
+    paths: Sequence[Path], request: CalibrationRequest, progress: Callable[[int, str], Any] | None
 ) -> Material:
     if request.recordings is not None:
         return of_recordings(paths, request.recordings, progress)
@@ -149,7 +147,9 @@ def _material(
     return whole
 
 
-def _with_tracks(found: Calibration, material: Material, request: Request) -> Calibration:
+def _with_tracks(
+    found: Calibration, material: Material, request: CalibrationRequest
+) -> Calibration:
     """Add what only tracks and walls tell: held-out legs, the sensor, how robots line up."""
     robots = []
     for one in found.robots:
@@ -183,9 +183,9 @@ def _with_tracks(found: Calibration, material: Material, request: Request) -> Ca
 
 def _legs(
     robot: RobotResult,
-    outings: Sequence[Outing],
+    outings: Sequence[TrueTrack],
     mount: float,
-    request: Request,
+    request: CalibrationRequest,
 ) -> Iterable[LegScore]:
     """Hold each half of the way against a model of the other half."""
     blocks = _halves(outings)
@@ -193,11 +193,11 @@ def _legs(
         return
     terms = frozenset(TERMS) - set(robot.left_out)
     whole = robot.parameters.keys()
-    judged: list[tuple[Outing, ErrorModel]] = []
+    judged: list[tuple[TrueTrack, ErrorModel]] = []
     for number, block in enumerate(blocks):
         others = [one for k, part in enumerate(blocks) if k != number for one in part]
-        trials, _ = without_slips(_turned([t for one in others for t in cut(one)], mount))
-        fit = for_tracks(fit_model(trials, terms), trials)
+        trials, _ = without_slips(turned([t for one in others for t in cut(one)], mount))
+        fit, _ = for_tracks(fit_model(trials, terms), trials)
         if not {"along", "across"} <= fit.parameters.keys() or not fit.parameters.keys() <= whole:
             return
         judged += [(one, fit.model) for one in block]
@@ -208,23 +208,11 @@ def _legs(
                 yield told
 
 
-def _turned(trials: list[Trial], mount: float) -> list[Trial]:
-    """Return trials without a known angle between the truth's heading and the way driven."""
-    cos, sin = math.cos(math.radians(mount)), math.sin(math.radians(mount))
-    found = []
-    for one in trials:
-        x, y = one.distance + one.along, one.across
-        if one.is_run:
-            one = replace(one, along=cos * x + sin * y - one.distance, across=cos * y - sin * x)
-        found.append(one)
-    return found
-
-
-def _halves(outings: Sequence[Outing]) -> list[list[Outing]]:
+def _halves(outings: Sequence[TrueTrack]) -> list[list[TrueTrack]]:
     """Return tracks in two halves of about the same way; one that lies across is cut."""
     total = sum(float(one.way[-1]) for one in outings)
-    first: list[Outing] = []
-    second: list[Outing] = []
+    first: list[TrueTrack] = []
+    second: list[TrueTrack] = []
     gone = 0.0
     for one in outings:
         way = one.way

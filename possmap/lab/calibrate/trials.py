@@ -79,23 +79,26 @@ class Trial:
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
-    """Trials as columns; n of them.
+class TrialTable:
+    """Trials as columns, shape (n,) each.
 
     Attributes
     ----------
     run, told
-        Whether a trial ran, and whether its heading was measured, shape (n,).
+        Whether a trial ran, and whether its heading was measured.
     distance, turn, turned
-        [m], [deg], and how far it turned before the run in units of 45°, shape (n,).
-    direction
-        Of the true end, seen from the start, against the asked run [deg]; NaN without a run.
-    stretch
-        True over asked length of the straight line to the end; NaN without a run.
+        [m], [deg], and how far it turned before the run in units of 45°.
+    direction, stretch
+        Of the true end, seen from the start: its direction against the asked run [deg], and true
+        over asked length of the straight line to it; NaN without a run.
     heading
         Error at the end [deg].
-    bend
-        [deg].
+    turn_told, turned_told
+        As ``turn`` and ``turned``, with what the robot noticed during a run of which the heading
+        was measured.
+    angle, reach
+        What tells of the heading: its error, or the direction of the end where nobody measured it
+        [deg], and how far a drift has had its effect on that [m].
     """
 
     run: Flags
@@ -106,26 +109,35 @@ class Table:
     direction: Floats
     stretch: Floats
     heading: Floats
-    bend: Floats
+    turn_told: Floats
+    turned_told: Floats
+    angle: Floats
+    reach: Floats
 
     @classmethod
-    def of(cls, trials: Sequence[Trial]) -> Table:
+    def of(cls, trials: Sequence[Trial]) -> TrialTable:
         """Return the columns of trials."""
         run = np.array([one.is_run for one in trials], dtype=np.bool_)
         distance, turn, along, across, heading, bend = (
             np.array([getattr(one, name) for one in trials], dtype=np.float64)
             for name in ("distance", "turn", "along", "across", "heading", "bend")
         )
-        safe = np.where(run, distance, 1.0)
+        told = ~np.isnan(heading)
+        bend = np.where(told, bend, 0.0)
         ahead, aside = np.where(run, distance + along, np.nan), np.where(run, across, np.nan)
+        direction = np.degrees(np.arctan2(aside, ahead))
+        ran = np.where(run, distance, 0.0)
         return cls(
             run=run,
-            told=~np.isnan(heading),
-            distance=np.where(run, distance, 0.0),
+            told=told,
+            distance=ran,
             turn=turn,
             turned=np.abs(turn) / UNIT_TURN_DEG,
-            direction=np.degrees(np.arctan2(aside, ahead)),
-            stretch=np.hypot(ahead, aside) / safe,
+            direction=direction,
+            stretch=np.hypot(ahead, aside) / np.where(run, distance, 1.0),
             heading=heading,
-            bend=bend,
+            turn_told=turn + bend,
+            turned_told=(np.abs(turn) + np.abs(bend)) / UNIT_TURN_DEG,
+            angle=np.where(told, heading, direction),
+            reach=ran * np.where(told, 1.0, 0.5),  # a drift turns an end by half
         )

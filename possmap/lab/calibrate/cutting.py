@@ -16,7 +16,14 @@ from possmap.core.angles import wrap_degrees
 from possmap.core.heading import SAME_RUN_DEG
 from possmap.lab.calibrate.heading import LEAST
 from possmap.lab.calibrate.model import directions, fit_model
-from possmap.lab.calibrate.trials import LEAST_RUN_M, LEAST_TURN_DEG, Flags, Floats, Table, Trial
+from possmap.lab.calibrate.trials import (
+    LEAST_RUN_M,
+    LEAST_TURN_DEG,
+    Flags,
+    Floats,
+    Trial,
+    TrialTable,
+)
 
 LEG_M = 20.0
 """So much of a long track counts as one outing, to tell what changes slowly."""
@@ -29,7 +36,7 @@ CLEAR_DEG = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Outing:
+class TrueTrack:
     """Poses of one track, as logged and as they truly were; k of them.
 
     Attributes
@@ -56,7 +63,7 @@ class Outing:
         """How far it had run at each pose, as logged [m]; shape (k,)."""
         return np.concatenate([[0.0], np.hypot(*np.diff(self.logged[:, :2], axis=0).T).cumsum()])
 
-    def part(self, start: int, stop: int) -> Outing:
+    def part(self, start: int, stop: int) -> TrueTrack:
         """Return the poses from ``start`` up to ``stop``."""
         return replace(
             self, logged=self.logged[start:stop], true=self.true[start:stop],
@@ -64,7 +71,7 @@ class Outing:
         )  # fmt: skip
 
 
-def cut(outing: Outing, leg: float = LEG_M) -> Iterator[Trial]:
+def cut(outing: TrueTrack, leg: float = LEG_M) -> Iterator[Trial]:
     """Yield the trials of an outing.
 
     Runs along walls are none, since a wall mends the heading; nor are turns just before one, when
@@ -99,13 +106,13 @@ def cut(outing: Outing, leg: float = LEG_M) -> Iterator[Trial]:
         start = stop
 
 
-def _lines_up(outing: Outing, stands: Flags, start: int) -> bool:
+def _lines_up(outing: TrueTrack, stands: Flags, start: int) -> bool:
     """Whether the next run from a pose on is one along a wall."""
     ahead = np.flatnonzero(~stands[start:])
     return len(ahead) > 0 and bool(outing.followed[start + ahead[0]])
 
 
-def _feels(outing: Outing, stands: Flags, start: int, stop: int) -> bool:
+def _feels(outing: TrueTrack, stands: Flags, start: int, stop: int) -> bool:
     """Whether a turn of a log is a small one among others at the same place."""
     if not outing.exact or abs(outing.logged[stop, 2] - outing.logged[start, 2]) >= WHOLE_DEG:
         return False
@@ -118,7 +125,7 @@ def _direction(poses: Floats, start: int, stop: int) -> float:
     return math.degrees(math.atan2(dy, dx))
 
 
-def _turn(outing: Outing, start: int, stop: int, way: Floats, leg: float) -> Iterator[Trial]:
+def _turn(outing: TrueTrack, start: int, stop: int, way: Floats, leg: float) -> Iterator[Trial]:
     logged = outing.logged[stop, 2] - outing.logged[start, 2]
     if abs(logged) >= LEAST_TURN_DEG:
         true = outing.true[stop, 2] - outing.true[start, 2]
@@ -131,7 +138,7 @@ def _turn(outing: Outing, start: int, stop: int, way: Floats, leg: float) -> Ite
         )  # fmt: skip
 
 
-def _run(outing: Outing, start: int, stop: int, way: Floats, leg: float) -> Iterator[Trial]:
+def _run(outing: TrueTrack, start: int, stop: int, way: Floats, leg: float) -> Iterator[Trial]:
     distance = math.hypot(*(outing.logged[stop, :2] - outing.logged[start, :2]))
     if distance < LEAST_RUN_M:
         return
@@ -150,11 +157,11 @@ def _run(outing: Outing, start: int, stop: int, way: Floats, leg: float) -> Iter
     )  # fmt: skip
 
 
-def _leg(outing: Outing, way: float, leg: float) -> str:
+def _leg(outing: TrueTrack, way: float, leg: float) -> str:
     return f"{outing.name}:{int(way // leg)}"
 
 
-def _place(outing: Outing, pose: int) -> str:
+def _place(outing: TrueTrack, pose: int) -> str:
     return f"{outing.name}, pose {pose}"
 
 
@@ -164,7 +171,7 @@ def without_mount(trials: list[Trial]) -> tuple[list[Trial], float]:
     Whoever sees the robot from outside may not know exactly which way is ahead. Such an angle
     moves the ends of all runs alike, and no error of heading; 0 where none shows [deg].
     """
-    table = Table.of(trials)
+    table = TrialTable.of(trials)
     fit = fit_model(trials)
     if fit.heading.runs < LEAST or not fit.heading.told:
         return trials, 0.0
@@ -173,11 +180,16 @@ def without_mount(trials: list[Trial]) -> tuple[list[Trial], float]:
     spread = 1.4826 * float(np.median(np.abs(off - mount)))
     if abs(mount) < max(CLEAR_DEG, 3 * 1.2533 * spread / math.sqrt(len(off))):
         return trials, 0.0
+    return turned(trials, mount), mount
+
+
+def turned(trials: list[Trial], mount: float) -> list[Trial]:
+    """Return trials whose ends are seen with a known angle taken out [deg]."""
     cos, sin = math.cos(math.radians(mount)), math.sin(math.radians(mount))
-    turned = []
+    found = []
     for one in trials:
         if one.is_run:
             x, y = one.distance + one.along, one.across
             one = replace(one, along=cos * x + sin * y - one.distance, across=cos * y - sin * x)
-        turned.append(one)
-    return turned, mount
+        found.append(one)
+    return found

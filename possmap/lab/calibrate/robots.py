@@ -1,28 +1,33 @@
-"""One robot's trials, from first look to model: odd ones, terms, limits, tests."""
+"""Robots calibrated: each by itself, and together as one that stands for a robot not yet known."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from possmap.lab.calibrate.checks import (
+from possmap.lab.calibrate.assumptions import (
+    Assumptions,
     Proportionality,
     independence,
+    normality,
     proportionality,
 )
 from possmap.lab.calibrate.crossval import Validation, cross_validate, written
+from possmap.lab.calibrate.diagnostics import FEW, leftover, notes
 from possmap.lab.calibrate.estimates import estimates, is_clear
 from possmap.lab.calibrate.heading import LEAST, TERMS, Term
-from possmap.lab.calibrate.model import Fit, directions, fit_model, lengths, paper_model
-from possmap.lab.calibrate.normality import normality
-from possmap.lab.calibrate.oddities import FEW, leftover, notes, stays
-from possmap.lab.calibrate.results import RobotResult
-from possmap.lab.calibrate.slips import without_slips
-from possmap.lab.calibrate.tracks import for_tracks
-from possmap.lab.calibrate.trials import Floats, Table, Trial
+from possmap.lab.calibrate.model import Fit, directions, fit_model, lengths
+from possmap.lab.calibrate.outliers import without_slips
+from possmap.lab.calibrate.results import Calibration, RobotResult
+from possmap.lab.calibrate.trials import Floats, Trial, TrialTable
+from possmap.lab.calibrate.variance_ratio import for_tracks
+
+APART = 4.0
+"""Standard errors between two robots' known parts from which they are called different."""
+
 
 HALF_CIRCLE_DEG = 180.0
 
@@ -34,6 +39,66 @@ class Unusable(Exception):
     """Trials of which no model can be made; the message says why."""
 
 
+def calibrate(
+    trials: Sequence[Trial],
+    rng: np.random.Generator,
+    remarks: Sequence[str] = (),
+    pool: bool = True,
+) -> Calibration:
+    """Calibrate each robot of some trials, and all together if they may be pooled.
+
+    Pooled, each robot counts as an outing of one robot: so spreads hold what differs from robot to
+    robot.
+    """
+    by_robot: dict[str, list[Trial]] = {}
+    for trial in trials:
+        by_robot.setdefault(trial.robot, []).append(trial)
+    found: list[RobotResult] = []
+    refused: dict[str, str] = {}
+    for robot, own in sorted(by_robot.items()):
+        try:
+            found.append(calibrate_robot(robot, own, rng))
+        except Unusable as reason:
+            refused[robot] = str(reason)
+    pooled = None
+    if pool and len(found) > 1:
+        together = [replace(one, outing=robot.robot) for robot in found for one in robot.trials]
+        try:
+            pooled = calibrate_robot("", together, rng, fleet=True)
+        except Unusable as reason:
+            remarks = (*remarks, f"all together: {reason}")
+    if pooled is not None:
+        words = list(_differences(found))
+        if len(found) < LEAST:
+            words.append(
+                f"{len(found)} robots say little of how robots differ: the pooled spreads are wide "
+                "to match"
+            )
+        pooled = replace(pooled, notes=(*pooled.notes, *words))
+    return Calibration(tuple(found), pooled, refused, tuple(remarks))
+
+
+def _differences(robots: Sequence[RobotResult]) -> Iterator[str]:
+    """Yield which known parts differ between robots beyond what their trials leave open."""
+    for name in ("turn_bias", "turn_gain", "drift", "scale"):
+        known: Mapping[str, tuple[float, float]] = {
+            one.robot: (found.value, (found.high - found.low) / 3.92)
+            for one in robots
+            if (found := one.estimates.get(name)) is not None
+        }
+        if len(known) < 2:
+            continue
+        least = min(known, key=lambda robot: known[robot][0])
+        most = max(known, key=lambda robot: known[robot][0])
+        gap = known[most][0] - known[least][0]
+        error = math.hypot(known[most][1], known[least][1])
+        if error > 0 and gap > APART * error:
+            yield (
+                f"robots differ in {name}: {least} {known[least][0]:.3g}, {most} "
+                f"{known[most][0]:.3g}; their own models are better than the pooled one"
+            )
+
+
 def calibrate_robot(
     robot: str, trials: Sequence[Trial], rng: np.random.Generator, fleet: bool = False
 ) -> RobotResult:
@@ -42,7 +107,7 @@ def calibrate_robot(
     Parameters
     ----------
     rng
-        Draws folds, and the tables of Lilliefors' test.
+        Draws folds, and the null distribution of Lilliefors' test.
     fleet
         Whether they are of many robots, each an outing: all terms then stay in the model, since
         each robot differs.
@@ -62,51 +127,46 @@ def calibrate_robot(
     left_out = () if fleet else _not_earned(full, validation)
     terms = frozenset(TERMS) - set(left_out)
     chosen = fit_model(trials, terms) if left_out else full
+    stays: dict[str, float] = {}
     if not fleet:  # of several robots it would be their differences that stay
-        plain, chosen = chosen, for_tracks(chosen, trials)
-        factors = {
-            name: value / plain.parameters[name]
-            for name, value in chosen.parameters.items()
-            if value != plain.parameters[name]
-        }
+        plain, (chosen, ratios) = chosen.parameters, for_tracks(chosen, trials)
+        stays = {f"stays_{k}": one.share for k, one in ratios.items() if one.widening != 1.0}
+        factors = {k: v / plain[k] for k, v in chosen.parameters.items() if v != plain[k]}
         if validation is not None and (left_out or factors):
             validation = written(validation, trials, terms, factors)
-    table = Table.of(trials)
-    result = RobotResult(
+    return RobotResult(
         robot=robot,
         trials=tuple(trials),
         fit=full,
         parameters=chosen.parameters,
         estimates=estimates(full, chosen),
         left_out=left_out,
-        paper=paper_model(trials),
-        along_normal=None,
-        across_normal=None,
-        independent=None,
-        along_grows=None,
-        across_grows=None,
+        tests=_tests(full, trials, rng),
         validation=validation,
-        leftover=leftover(full, trials) | stays(chosen),
+        leftover=leftover(full, trials) | stays,
         notes=(*notes(trials, full), *slips),
     )
+
+
+def _tests(full: Fit, trials: Sequence[Trial], rng: np.random.Generator) -> Assumptions:
+    """Test what the paper takes for granted, as far as there are runs."""
     if full.heading.runs < LEAST:
-        return result
+        return Assumptions()
+    table = TrialTable.of(trials)
     distance = table.distance[table.run]
     stretched = lengths(table, full.heading.effect("drift")) - full.scale
     off, said = directions(table, full.heading)
     standard = off / said if said.min() > 0 else off
-    aside = np.radians(off) * distance
-    return replace(
-        result,
+    return Assumptions(
         along_normal=normality(stretched, rng),
         across_normal=normality(standard, rng),
         independent=independence(stretched, standard),
         along_grows=proportionality(stretched * distance, distance),
-        across_grows=_of_straight_runs(table, aside, distance),
+        across_grows=_of_straight_runs(table, np.radians(off) * distance, distance),
     )
 
 
-def _of_straight_runs(table: Table, aside: Floats, distance: Floats) -> Proportionality | None:
+def _of_straight_runs(table: TrialTable, aside: Floats, distance: Floats) -> Proportionality | None:
     """Test how the error across grows: of runs without a turn before, if there are enough."""
     straight = table.turned[table.run] == 0
     if straight.sum() >= FEW // 2:

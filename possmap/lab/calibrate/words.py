@@ -5,23 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from possmap.lab.calibrate.checks import Independence, Proportionality
+from possmap.lab.calibrate.assumptions import LEVEL, Assumptions
 from possmap.lab.calibrate.crossval import Score
 from possmap.lab.calibrate.estimates import is_clear
 from possmap.lab.calibrate.factor import JOINT
 from possmap.lab.calibrate.heading import Term
-from possmap.lab.calibrate.normality import LEVEL, Normality
 from possmap.lab.calibrate.results import RobotResult
 
-UNITS = {
-    "turn_bias": "deg per 45 deg", "turn_gain": "of the turn", "drift": "deg/m",
-    "turn_noise": "deg", "scale": "",
-}  # fmt: skip
 GOOD_TURN_SPREAD = 0.5
-"""The estimator heading, and with it the profile robust, needs robots no worse (METHOD §1)."""
+"""The estimator heading needs robots no worse (METHOD §1)."""
 
 
-def verdict(result: RobotResult) -> Iterator[str]:
+def findings(result: RobotResult) -> Iterator[str]:
     """Yield what a result says, a sentence or two for each matter."""
     yield _of_the_paper(result)
     yield from _terms(result)
@@ -31,22 +26,25 @@ def verdict(result: RobotResult) -> Iterator[str]:
 
 def _of_the_paper(result: RobotResult) -> str:
     """Say what speaks against the paper's model; several tests share the level of one."""
-    independent = result.independent
-    ps = [one.p for one in (result.along_normal, result.across_normal) if one is not None]
-    ps += [one.p for one in (result.along_grows, result.across_grows) if one is not None]
+    tests = result.tests
+    normal = {"along": tests.along_normal, "across": tests.across_normal}
+    grows = {"along": tests.along_grows, "across": tests.across_grows}
+    independent = tests.independent
+    ps = [one.p for one in (*normal.values(), *grows.values()) if one is not None]
     ps += [independent.p, independent.sizes_p] if independent is not None else []
     if not ps:
         return "The paper's model: there is too little to test it."
     level = LEVEL / len(ps)
-    against = []
-    for name, grows in (("along", result.along_grows), ("across", result.across_grows)):
-        if grows is not None and grows.p < level:
-            against.append(
-                f"the error {name} grows as distance to the power {grows.exponent:.2f}, not 1"
-            )
-    for name, normal in (("along", result.along_normal), ("across", result.across_normal)):
-        if normal is not None and normal.p < level:
-            against.append(f"errors {name} are not normal")
+    against = [
+        f"the error {name} grows as distance to the power {one.exponent:.2f}, not 1"
+        for name, one in grows.items()
+        if one is not None and one.p < level
+    ]
+    against += [
+        f"errors {name} are not normal"
+        for name, test in normal.items()
+        if test is not None and test.p < level
+    ]
     if independent is not None and independent.p < level:
         against.append("errors along and across hang together")
     elif independent is not None and independent.sizes_p < level:
@@ -139,7 +137,7 @@ def _size(result: RobotResult) -> Iterator[str]:
     if spread is not None and spread > GOOD_TURN_SPREAD:
         yield (
             f"turn_spread is {spread:.2f} deg: more than the {GOOD_TURN_SPREAD} that the estimator "
-            "heading and the profile robust need; more turns in the trials make it smaller."
+            "heading can do with; walls does with any."
         )
 
 
@@ -194,15 +192,9 @@ def _left(result: RobotResult) -> Iterator[str]:
             )
 
 
-def test_words(
-    along: Normality | None,
-    across: Normality | None,
-    independent: Independence | None,
-    along_grows: Proportionality | None,
-    across_grows: Proportionality | None,
-) -> Iterator[tuple[str, str]]:
+def test_words(tests: Assumptions) -> Iterator[tuple[str, str]]:
     """Yield name and outcome of each test, with what one of its size finds."""
-    for name, normal in (("along", along), ("across", across)):
+    for name, normal in (("along", tests.along_normal), ("across", tests.across_normal)):
         if normal is None:
             continue
         yield (
@@ -211,6 +203,7 @@ def test_words(
             f"find t(3) tails {normal.power_tails:.0%} of the time, slips in a tenth of the trials "
             f"{normal.power_mixture:.0%}",
         )
+    independent = tests.independent
     if independent is not None:
         yield (
             "independent",
@@ -218,7 +211,7 @@ def test_words(
             f"{independent.high:+.2f}]; sizes {_p(independent.sizes_p)}; would find |r| >= "
             f"{independent.detectable:.2f} 80% of the time",
         )
-    for name, grows in (("along", along_grows), ("across", across_grows)):
+    for name, grows in (("along", tests.along_grows), ("across", tests.across_grows)):
         if grows is None:
             yield f"{name} ~ distance", "not tested: about one distance only, or too few trials"
             continue

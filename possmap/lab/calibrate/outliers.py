@@ -1,14 +1,18 @@
-"""Headings far off: named, and single turns among them left out of the estimate."""
+"""Trials far off: named, and single turns among them left out of the estimate."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from possmap.lab.calibrate.heading import HeadingFit, fit_heading
-from possmap.lab.calibrate.trials import Floats, Table, Trial
+from possmap.lab.calibrate.trials import Floats, Trial, TrialTable
+
+ODD = 5.0
+"""Robust deviations beyond which a trial of twenty is called odd."""
 
 FAR = 6.0
 """Robust deviations beyond which a heading is no draw of what draws the others."""
@@ -26,7 +30,7 @@ def without_slips(trials: Sequence[Trial]) -> tuple[list[Trial], list[str]]:
     A single turn is one without a run. Runs with headings far off are named, and kept.
     """
     kept, notes = list(trials), []
-    table = Table.of(trials)
+    table = TrialTable.of(trials)
     spin = table.told & ~table.run & np.array([one.is_turn for one in trials], dtype=np.bool_)
     for which, what in ((spin, "turns"), (table.told & table.run, "runs")):
         at = np.flatnonzero(which)
@@ -50,24 +54,34 @@ def without_slips(trials: Sequence[Trial]) -> tuple[list[Trial], list[str]]:
     return kept, notes
 
 
-def _far(fit: HeadingFit, table: Table, at: NDArray[np.intp]) -> Floats:
+def _far(fit: HeadingFit, table: TrialTable, at: NDArray[np.intp]) -> Floats:
     """Return how many robust deviations headings lie off, shape (k,); 0 where they all agree."""
-    bend = np.where(np.isnan(table.bend), 0.0, table.bend)
-    turned = (table.turned + np.abs(bend) / 45)[at]
-    known = (
-        fit.effect("turn_bias") * turned
-        + fit.effect("turn_gain") * (table.turn + bend)[at]
-        + fit.effect("drift") * table.distance[at]
-    )
-    variance = (
-        fit.variance("run") * table.run[at]
-        + fit.variance("turn") * turned
-        + fit.variance("outing_turn") * turned**2
-        + fit.variance("outing_drift") * table.distance[at] ** 2
-    )
+    turned, distance = table.turned_told[at], table.distance[at]
+    known = fit.known(turned, table.turn_told[at], distance)
+    variance = fit.spread(table.run[at], turned, distance)
     if not variance.min() > 0:
         variance = np.maximum(turned, 1e-6)
     off = (table.heading[at] - known) / np.sqrt(variance)
     apart: Floats = np.abs(off - np.median(off))
     spread = 1.4826 * float(np.median(apart))
     return apart / spread if spread > 0 else np.zeros(len(at))
+
+
+def far_off(name: str, values: Floats, trials: Sequence[Trial]) -> Iterator[str]:
+    """Yield a sentence that names trials whose values lie far off, if some do."""
+    middle = np.median(values)
+    spread = 1.4826 * np.median(np.abs(values - middle))
+    if not spread > 0:
+        return
+    far = np.abs(values - middle) / spread
+    # Of many normal errors some lie far out; the limit grows with their number.
+    limit = ODD + max(0.0, math.log10(len(values) / 20))
+    which = np.flatnonzero(far > limit)
+    if len(which):
+        worst = int(np.argmax(far))
+        at = trials[worst].place
+        yield (
+            f"{len(which)} of {len(values)} trials lie more than {limit:.1f} robust deviations off "
+            f"{name}, the worst {far[worst]:.0f}{f' ({at})' if at else ''}: a jump of the truth, a "
+            "slip, or no normal errors; kept"
+        )

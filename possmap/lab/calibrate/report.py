@@ -12,8 +12,8 @@ from possmap.lab.calibrate.factor import JOINT, rectangle_factor
 from possmap.lab.calibrate.heading import LEAST
 from possmap.lab.calibrate.model import directions, lengths
 from possmap.lab.calibrate.results import Calibration, RobotResult
-from possmap.lab.calibrate.trials import Floats, Table
-from possmap.lab.calibrate.verdict import verdict
+from possmap.lab.calibrate.trials import Floats, TrialTable
+from possmap.lab.calibrate.words import findings
 from possmap.pictures import palettes
 from possmap.pictures.charts import Axis, Chart, Point, Series
 from possmap.pictures.palettes import Colour
@@ -80,7 +80,7 @@ def _words(one: RobotResult) -> Iterator[str]:
         f"{name} {value:.4g}" for name, value in one.parameters.items() if name != "factor"
     )
     lines = list(_wrapped(f"Model: {model}."))
-    for sentence in (*verdict(one), *one.notes):
+    for sentence in (*findings(one), *one.notes):
         lines += _wrapped(sentence)
     if len(lines) > _FEW_LINES:
         lines = [*lines[: _FEW_LINES - 1], "... the text says the rest."]
@@ -100,7 +100,7 @@ def _wrapped(text: str) -> Iterator[str]:
 
 def _left(one: RobotResult) -> tuple[Floats, Floats, Floats]:
     """Return distance [m], and what is left along and across [m per m], of each run."""
-    table = Table.of(one.trials)
+    table = TrialTable.of(one.trials)
     fit = one.fit
     if fit.heading.runs < LEAST:
         return np.empty(0), np.empty(0), np.empty(0)
@@ -196,12 +196,10 @@ def _growth(one: RobotResult) -> Chart:
 
 def _turns(one: RobotResult) -> Chart:
     fit = one.fit.heading
-    table = Table.of(one.trials)
+    table = TrialTable.of(one.trials)
     turning = np.array([trial.is_turn for trial in one.trials], dtype=np.bool_)
-    bend = np.where(np.isnan(table.bend), 0.0, table.bend)
-    turn = table.turn + np.where(table.told, bend, 0.0)
-    reach = table.distance * np.where(table.told, 1.0, 0.5)
-    errors = np.where(table.told, table.heading, table.direction) - fit.effect("drift") * reach
+    turn = table.turn_told
+    errors = table.angle - fit.effect("drift") * table.reach
     which = turning & ~np.isnan(errors)
     series: list[Series] = []
     wide = high = 1.0
@@ -209,12 +207,8 @@ def _turns(one: RobotResult) -> Chart:
         wide = 1.1 * float(np.abs(turn[which]).max())
         at = np.linspace(-wide, wide, 81)
         parts = np.abs(at) / 45
-        known = fit.effect("turn_bias") * parts + fit.effect("turn_gain") * at
-        spread = np.sqrt(
-            (fit.variance("run") if table.distance[which].any() else 0.0)
-            + fit.variance("turn") * parts
-            + fit.variance("outing_turn") * parts**2
-        )
+        known = fit.known(parts, at, np.zeros_like(at))
+        spread = np.sqrt(fit.spread(bool(table.distance[which].any()), parts, np.zeros_like(at)))
         half = rectangle_factor(max(LEAST, fit.turns)) * spread
         high = 1.1 * max(
             float(np.abs(errors[which]).max()), float(np.abs(known).max() + half.max())

@@ -10,13 +10,11 @@ import numpy as np
 
 from possmap.lab.calibrate.heading import LEAST
 from possmap.lab.calibrate.model import Fit, directions, lengths
-from possmap.lab.calibrate.trials import Floats, Table, Trial
+from possmap.lab.calibrate.outliers import far_off
+from possmap.lab.calibrate.trials import Trial, TrialTable
 
 FEW = 20
 """The paper's number of trials of a manoeuvre; with fewer the result says how much is open."""
-
-ODD = 5.0
-"""Robust deviations beyond which a trial is called odd."""
 
 COARSE = 5
 """Fewer different values among many trials: the ruler was coarser than the robot."""
@@ -25,17 +23,11 @@ COARSE = 5
 def leftover(full: Fit, trials: Sequence[Trial]) -> dict[str, float]:
     """Return what no parameter stands for: how far ends and headings disagree, and the like."""
     found: dict[str, float] = {}
-    table = Table.of(trials)
+    table = TrialTable.of(trials)
     both = table.run & table.told
     if both.sum() >= LEAST and full.heading.runs >= LEAST:
         off, _ = directions(table, full.heading)
-        drift, gain, bias = (full.heading.effect(n) for n in ("drift", "turn_gain", "turn_bias"))
-        bend = np.where(table.told, table.bend, 0.0)
-        known = (
-            gain * (table.turn + bend)
-            + bias * (table.turned + np.abs(bend) / 45)
-            + drift * table.distance
-        )
+        known = full.heading.known(table.turned_told, table.turn_told, table.distance)
         rest = (table.heading - known)[both]
         apart = off[both[table.run]] - rest
         found["heading_minus_direction_deg"] = float(apart.std(ddof=1))
@@ -50,16 +42,6 @@ def leftover(full: Fit, trials: Sequence[Trial]) -> dict[str, float]:
     if len(moved) >= LEAST:
         found["turn_moves_m"] = float(np.median(moved))
     return found
-
-
-def stays(chosen: Fit) -> dict[str, float]:
-    """Return what stays of errors from trial to trial, where that is not all."""
-    both = {"along": chosen.stays_along, "heading": chosen.stays_heading}
-    return {
-        f"stays_{name}": told.share
-        for name, told in both.items()
-        if told is not None and told.widening != 1.0
-    }
 
 
 def notes(trials: Sequence[Trial], full: Fit) -> Iterator[str]:
@@ -86,13 +68,13 @@ def notes(trials: Sequence[Trial], full: Fit) -> Iterator[str]:
         )
     if heading.runs < LEAST:
         yield "too few runs: along, across, drift and scale are unknown, the defaults stay"
-    table = Table.of(trials)
+    table = TrialTable.of(trials)
     runs = [one for one in trials if one.is_run]
     if heading.runs >= LEAST:
         stretched = lengths(table, heading.effect("drift"))
         off, _ = directions(table, heading)
         for name, values in (("along", stretched), ("across", off)):
-            yield from _odd(name, values, runs)
+            yield from far_off(name, values, runs)
         for name in ("along", "across"):
             written = [round(getattr(one, name), 9) for one in runs]
             if len(runs) >= 2 * COARSE and len(Counter(written)) < COARSE:
@@ -102,22 +84,3 @@ def notes(trials: Sequence[Trial], full: Fit) -> Iterator[str]:
                 )
     if full.excess > 1:
         yield (f"ends scatter {full.excess:.1f} times more across than the headings explain")
-
-
-def _odd(name: str, values: Floats, trials: Sequence[Trial]) -> Iterator[str]:
-    middle = np.median(values)
-    spread = 1.4826 * np.median(np.abs(values - middle))
-    if not spread > 0:
-        return
-    far = np.abs(values - middle) / spread
-    # Of many normal errors some lie far out; the limit grows with their number.
-    limit = ODD + max(0.0, math.log10(len(values) / FEW))
-    which = np.flatnonzero(far > limit)
-    if len(which):
-        worst = int(np.argmax(far))
-        at = trials[worst].place
-        yield (
-            f"{len(which)} of {len(values)} trials lie more than {limit:.1f} robust deviations off "
-            f"{name}, the worst {far[worst]:.0f}{f' ({at})' if at else ''}: a jump of the truth, a "
-            "slip, or no normal errors; kept"
-        )
