@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from possmap.core import views
-from possmap.core.evidence import Layer, findings
+from possmap.core.evidence import Layer
 from possmap.core.lattice import Window
 from possmap.core.model import ErrorModel
 from possmap.core.pyramid import FULL, count_of, relevant
@@ -31,7 +31,7 @@ def outing(
 ) -> JudgedExcursion:
     version = PartialMap("r1", name, (), tuple(records))
     chosen = EvidenceSettings(resolution=C, **settings)  # type: ignore[arg-type]
-    return JudgedExcursion(version, findings(version, model, chosen))
+    return JudgedExcursion.of(version, model, chosen)
 
 
 def pose(seq: int, x: float, y: float, error: float = 0.0) -> Pose:

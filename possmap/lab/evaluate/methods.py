@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from possmap.core.lattice import Window
-from possmap.lab.evaluate import readouts
+from possmap.core.views import Readout
 from possmap.lab.evaluate.bayes import LogOddsGrid, LogOddsSettings, bayes, probability
 from possmap.lab.evaluate.local_rectangles import strongest
 from possmap.lab.evaluate.observations import JudgedExcursion
@@ -32,19 +32,15 @@ class NothingToJudge(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A grid to be judged, and the ledger behind it.
+    """A grid to be judged: what it says of each cell of the window, and the ledger behind it."""
 
-    for_wall, against : w and v of METHOD §4 in each cell of the window, doubles.
-    """
-
-    for_wall: Floats
-    against: Floats
+    cells: Readout
     excursions: tuple[JudgedExcursion, ...]
 
     @property
     def touched(self) -> Flags:
         """Cells of which some record says something."""
-        found: Flags = (self.for_wall > 0) | (self.against > 0)
+        found: Flags = (self.cells.w > 0) | (self.cells.v > 0)
         return found
 
 
@@ -115,10 +111,9 @@ def _methods(
     """Yield every method's scores; a log-odds grid is an interval without width: Pl = P."""
     floor_share = None
     for name, one in candidates.items():
-        w, v = one.for_wall[cells.mask], one.against[cells.mask]
-        free = readouts.plausibility(w, v) < 0.5
-        ranked = readouts.pignistic_logit(w, v)
-        score = cells.score(ranked, probability(w - v, base_rate), free, floor_share)
+        said = _masked(one, cells)
+        free = said.plausibility < 0.5
+        score = cells.score(said.pignistic_logit, said.probability(base_rate), free, floor_share)
         floor_share = score.called_free if floor_share is None else floor_share
         yield name, score
     for name, grid in odds.items():
@@ -128,9 +123,7 @@ def _methods(
 
 
 def _grid_score(cells: JudgedCells, one: Candidate, truth: Truth) -> GridScore:
-    w, v = one.for_wall[cells.mask], one.against[cells.mask]
-    n, denied = -np.expm1(-w), -np.expm1(-v)
-    bel, pl = readouts.belief(w, v), readouts.plausibility(w, v)
+    said = _masked(one, cells)
     walls = {
         "wall": cells.wall,
         "wall_10cm": cells.within[0.1],
@@ -140,22 +133,28 @@ def _grid_score(cells: JudgedCells, one: Candidate, truth: Truth) -> GridScore:
     true = cells.truth
     free = None
     if true.free is not None and true.free_cells:
-        free = int((true.free & (one.against > 0)).sum()) / true.free_cells
-    seen = int((true.walls & (one.for_wall > 0)).sum())
+        free = int((true.free & (one.cells.v > 0)).sum()) / true.free_cells
+    seen = int((true.walls & (one.cells.w > 0)).sum())
     tracks = tuple(_track_errors(one.excursions, truth))
     return GridScore(
-        auc_necessity=Ranking(w).auc(cells.wall),
-        sharpness=float((pl - bel).mean()),
-        contested=float((readouts.contested(w, v) > 0.5).mean()),
-        contradicted=float((n > 1 - denied).mean()),
-        mean_conflict=float((n * denied).mean()),
-        lower_validity=of_lower_bound(bel, walls),
-        upper_validity=of_upper_bound(pl, walls),
+        auc_necessity=Ranking(said.w).auc(cells.wall),  # N saturates, w does not
+        sharpness=float(said.ignorance.mean()),
+        contested=float((said.contested > 0.5).mean()),
+        contradicted=float(said.contradicted.mean()),
+        mean_conflict=float(said.conflict.mean()),
+        lower_validity=of_lower_bound(said.belief, walls),
+        upper_validity=of_upper_bound(said.plausibility, walls),
         tracks=tracks,
         rectangles=rectangles(tracks),
         explored_free=free,
         explored_wall=seen / true.wall_cells if true.wall_cells else None,
     )
+
+
+def _masked(one: Candidate, cells: JudgedCells) -> Readout:
+    """Return what a grid says of the cells judged, shape (n,)."""
+    said = one.cells
+    return Readout(said.w[cells.mask], said.v[cells.mask], said.possibility[cells.mask])
 
 
 def _within_rectangle(cells: JudgedCells, excursions: Iterable[JudgedExcursion]) -> Flags:

@@ -3,24 +3,52 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from possmap.core.evidence import Findings, Geometry, Segment
+from possmap.core.estimators import estimate
+from possmap.core.evidence import Findings, Segment, findings
 from possmap.core.lattice import HAIR, Lattice, Window
+from possmap.core.model import ErrorModel
 from possmap.core.pyramid import count_of, relevant, stamps
 from possmap.core.records import Beam, PartialMap, Pose, Wall
+from possmap.core.settings import EvidenceSettings
+from possmap.core.track import stretches
 from possmap.lab.evaluate.raster import Flags, Floats, Ints, grown, within
 
 
 @dataclass(frozen=True, slots=True)
 class JudgedExcursion:
-    """An excursion of the ledger, with what its records yield."""
+    """An excursion of the ledger, with what its records yield.
+
+    runs : what was driven, by the index of the pose that ends it. Under the estimator ``walls`` a
+        stretch may start elsewhere than the one before it ended.
+    """
 
     version: PartialMap
     found: Findings
+    runs: Mapping[int, Segment]
+
+    @classmethod
+    def of(
+        cls, version: PartialMap, model: ErrorModel, settings: EvidenceSettings
+    ) -> JudgedExcursion:
+        """Lay out an excursion as the grid's own estimator does."""
+        found = findings(version, model, settings)
+        first = next((one for one in version.records if isinstance(one, Pose)), None)
+        if first is None:
+            return cls(version, found, {})
+        laid = estimate(first, stretches(version.records), model, settings)
+        runs = {
+            one.logged.end_index: Segment(
+                one.logged.end_index, *one.start, *one.end, errors.start, errors.end
+            )
+            for one, errors in zip(laid.stretches, laid.errors, strict=True)
+            if one.start != one.end
+        }
+        return cls(version, found, runs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +67,6 @@ class Observation:
 
 def observations(excursion: JudgedExcursion) -> Iterator[Observation]:
     """Yield an excursion's observations in the order of its records; what waits says nothing."""
-    last: Geometry | None = None
     beams: list[tuple[Segment, bool]] = []
     for index, record in enumerate(excursion.version.records):
         at = excursion.found.geometry.get(index)
@@ -54,10 +81,8 @@ def observations(excursion: JudgedExcursion) -> Iterator[Observation]:
             if beams:
                 yield _scan(beams)
                 beams = []
-            if last is not None and (last.x, last.y) != (at.x, at.y):
-                run = Segment(index, last.x, last.y, at.x, at.y, last.rect, at.rect)
-                yield Observation(driven=run)
-            last = at
+            if index in excursion.runs:
+                yield Observation(driven=excursion.runs[index])
 
 
 def _scan(beams: Sequence[tuple[Segment, bool]]) -> Observation:

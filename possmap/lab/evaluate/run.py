@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from possmap.atomic import check_output
-from possmap.core.evidence import findings
+from possmap.core.evidence import Layer
 from possmap.core.lattice import Lattice, Window
+from possmap.core.views import Readout
 from possmap.errors import OutputError, printable, shown
 from possmap.exports.run import refuse_itself
 from possmap.grid.grid import Grid
@@ -151,17 +152,21 @@ class _Read:
             excursions = []
             for entry in grid.ledger.entries():
                 version = grid.ledger.version(entry)
-                found = findings(version, entry.model, settings)
-                excursions.append(JudgedExcursion(version, found))
+                excursions.append(JudgedExcursion.of(version, entry.model, settings))
             if not any(one.found.evidence for one in excursions):
                 raise TruthError(f"{printable(str(path))}: holds no evidence, so nothing to judge")
             return cls(path, settings.resolution, grid.window, tuple(excursions))
 
     def candidate(self, window: Window) -> Candidate:
         with Grid(self.path) as grid, grid.snapshot():
-            w = -np.log1p(-np.minimum(grid.necessity(window), 1 - 1e-300 - np.finfo(float).epsneg))
-            v = -np.log(np.maximum(grid.possibility(window), np.exp(-16)))
-            return Candidate(w, v, self.excursions)
+            layers = []
+            for layer in (Layer.WALLS, Layer.FREE):
+                whole = np.zeros(window.shape, dtype=np.int64)
+                for crop in grid.tiles.crops(layer, window):
+                    whole[crop.window.slices_in(window)] = crop.cells
+                layers.append(whole)
+            cells = Readout.of(layers[0], layers[1], grid.settings.free_fusion)
+            return Candidate(cells, self.excursions)
 
     def places(self) -> Iterator[Metres]:
         """Yield a box around each record's place: no baseline says anything beyond.
