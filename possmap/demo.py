@@ -7,14 +7,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from possmap.errors import OutputError, printable
+from possmap.errors import OutputError, plural, printable
 from possmap.fusing.fuse import FuseSummary, fuse
 from possmap.lab.simulate.run import simulate
 from possmap.lab.simulate.summary import Summary
 from possmap.pictures.render import Look, render
-from possmap.settings.shipped import shipped
 
-MISSION = "missions/figure8.yaml"
+MISSION = "figure8"
+"""The mission shown unless another is asked for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,12 +28,13 @@ class DemoSummary:
 
 
 def demo(
+    path: Path,
     folder: Path,
     seed: int | None = None,
     overwrite: bool = False,
     progress: Callable[[float, float], None] | None = None,
 ) -> DemoSummary:
-    """Simulate the shipped mission into ``folder``, fuse its logs, draw the map beside the truth.
+    """Simulate a mission into ``folder``, fuse its logs, draw the map beside the truth.
 
     Raises
     ------
@@ -41,7 +42,7 @@ def demo(
         If the folder holds something already, or nobody came home.
     """
     overrides = {} if seed is None else {"seed": str(seed)}
-    mission = simulate(shipped(MISSION), folder, overrides, overwrite=overwrite, progress=progress)
+    mission = simulate(path, folder, overrides, overwrite=overwrite, progress=progress)
     if not mission.home:
         raise OutputError(
             f"{printable(str(folder))}: nobody came home, so there is no map; try another --seed"
@@ -52,7 +53,9 @@ def demo(
     fused = fuse([str(folder / "logs")], grid)
     picture = folder / "site.png"
     truth = folder / "truth.json"
-    home = json.loads(truth.read_text())["home"]
-    title = f"Three robots from I ({home[0]:g}, {home[1]:g})"
+    told = json.loads(truth.read_text())
+    x, y = told["home"]
+    team = plural(len({robot["robot"] for robot in told["robots"]}), "robot")
+    title = f"{team} from ({x:g}, {y:g})"
     render(grid, picture, Look(truth=truth, tracks=True, title=title), overwrite)
     return DemoSummary(folder, mission, fused, picture)

@@ -43,6 +43,24 @@ window = click.option(
 )
 
 
+def mission_of(name: str) -> Path:
+    """Return the file of a mission, or the shipped one of that name.
+
+    Raises
+    ------
+    click.BadParameter
+        If there is neither.
+    """
+    from possmap.errors import SettingsError
+    from possmap.settings.shipped import find_shipped
+
+    try:
+        return find_shipped("missions", name, "MISSION")
+    except SettingsError as error:
+        told = str(error).removeprefix("MISSION: ")
+        raise click.BadParameter(told, param_hint="MISSION") from None
+
+
 def _budget(ctx: click.Context, param: click.Parameter, mib: int) -> Budget:
     from possmap.budget import Budget
 

@@ -25,8 +25,10 @@ def overrides_of(seed: int | None, robots: int | None, sets: tuple[str, ...]) ->
     return given
 
 
-@click.command(epilog="Example: possmap simulate configs/missions/figure8.yaml -o troupe")
-@click.argument("mission", type=options.EXISTING_FILE, metavar="MISSION.yaml")
+@click.command(epilog="Example: possmap simulate figure8 -o troupe")
+@click.argument(
+    "mission", metavar="MISSION", callback=lambda ctx, param, value: options.mission_of(value)
+)
 @click.option(
     "-o", "--output", "folder", required=True, type=click.Path(path_type=Path), metavar="DIR",
     help="A folder to make: logs/, truth.json and summary.json.",
@@ -56,6 +58,8 @@ def simulate(
     as_json: bool,
 ) -> None:
     """Drive a team of robots through a world, by real kinematics and with real errors.
+
+    MISSION is a YAML file, or the name of a mission that possmap ships.
 
     logs/ holds what the host receives, one log for each excursion that came home, sorted by
     return; truth.json what truly happened. One seed gives one set of bytes.

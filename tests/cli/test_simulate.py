@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -200,9 +201,9 @@ def test_nothing_is_left_behind_by_a_refusal(mission: Path) -> None:
     ("args", "code", "problem"),
     [
         (["--set", "robts=3"], 1, '--set: unknown key "robts", did you mean "robots"?'),
-        (["--set", "speed=-1"], 1, "--set: speed, found -1.0, expected a number > 0"),
-        (["--set", "radio_loss=2"], 1, "--set: radio_loss, found 2.0, expected a probability"),
-        (["--set", "behaviours=brave-left"], 1, "--set: behaviours, found brave-left, expected"),
+        (["--set", "speed=-1"], 1, '--set: speed, found "-1", expected a number > 0'),
+        (["--set", "radio_loss=2"], 1, '--set: radio_loss, found "2", expected a number, 0 to 1'),
+        (["--set", "behaviours=brave-left"], 1, '--set: behaviours, found "brave-left", expected'),
         (["--set", "robots"], 2, "Invalid value for --set: 'robots', expected KEY=VALUE"),
         (["--robots", "0"], 2, "Invalid value for '--robots': 0 is not in the range x>=1."),
         (["--seed", "-1"], 2, "Invalid value for '--seed': -1 is not in the range x>=0."),
@@ -224,7 +225,7 @@ def test_a_wrong_option_is_one_clear_line(
         (f"robts: 3\nworld: {{walls: {WALLS}, home: [3, 2]}}\n",
          'bad.yaml:1: unknown key "robts", did you mean "robots"?'),
         (f"robots: 2\nspeed: -0.6\nworld: {{walls: {WALLS}, home: [3, 2]}}\n",
-         "bad.yaml:2: speed, found -0.6, expected a number > 0"),
+         "bad.yaml:2: speed, found \"-0.6\", expected a number > 0"),
         (f"world:\n  walls: {WALLS}\n  home: [3, 0]\n",
          "bad.yaml:3: world.home, found [3, 0], 0.00 m from a wall, expected"),
         (f"world:\n  walls: {WALLS}\n  obstacles: [[1, 1, 5, 3]]\n  home: [3, 2]\n",
@@ -244,8 +245,25 @@ def test_a_bad_mission_is_one_clear_line(mission: Path, text: str, problem: str)
     assert not Path("out").exists()
 
 
+def test_poses_say_whether_the_robot_turned_or_set_its_belief_anew(tmp_path: Path) -> None:
+    assert run("simulate", "lonely", "-o", tmp_path / "out", "--set", "minutes=4").exit_code == 0
+    told = set()
+    for path in (tmp_path / "out" / "logs").iterdir():
+        log = json.loads(path.read_text())
+        poses = [record for record in log["records"] if record["kind"] == "pose"]
+        for before, pose in pairwise(poses):
+            same_place = (before["x"], before["y"]) == (pose["x"], pose["y"])
+            assert ("turned" in pose) == (before["heading"] != pose["heading"])
+            assert same_place or "turned" not in pose
+            told.add(pose.get("turned"))
+        assert log["model"]["sensor"] == 0.03 and log["model"]["turn_noise"] == 0.671
+    assert told == {True, False, None}
+
+
 def test_a_missing_mission_or_folder_is_wrong_usage(mission: Path) -> None:
-    assert "does not exist" in refused(run("simulate", "none.yaml", "-o", "out"), 2)
+    for name, guess in (("none.yaml", "possmap ships drops, figure8"), ("figur8", "did you mean")):
+        told = refused(run("simulate", name, "-o", "out"), 2)
+        assert f'"{name}" is neither a file nor shipped' in told and guess in told
     assert refused(run("simulate", mission), 2) == "Missing option '-o' / '--output'."
     Path("file").write_text("")
     told = refused(run("simulate", mission, "-o", "file/out"))

@@ -206,7 +206,7 @@ def test_calibrated_robots_log_their_measured_bias_and_others_nothing() -> None:
         mission = drive(hall(4, 4), robots=1, minutes=0.01, seed=seed)
         (outing,) = mission.robots[0].excursions
         model = outing.book.as_log()["model"]
-        assert set(model) == {"turn_bias", "turn_spread", "turn_noise"}
+        assert set(model) == {"turn_bias", "turn_spread", "turn_noise", "sensor"}
         assert model["turn_spread"] == 0.5
         assert model["turn_noise"] == pytest.approx(0.3 * 2.236, abs=1e-3)  # a half-width
         errors.append(model["turn_bias"] - mission.robots[0].faults.turn_bias)

@@ -61,15 +61,16 @@ class Body:
         self._rng = rng
         self._stretch = 1.0
         self._run: bool | None = None
+        self._off = 0.0
 
     def set_down(self, x: float, y: float, heading: float) -> None:
         """Put the robot somewhere [m, rad]."""
         self.place = Place(x, y, heading)
-        self._run = None
+        self._run, self._off = None, 0.0
 
     def turned(self, asked_deg: float) -> Place:
         """Return the place after a turn that was asked for [deg]; it ends the run."""
-        self._run = None
+        self._run, self._off = None, 0.0
         parts = abs(asked_deg) / 45
         true_deg = asked_deg + self.faults.turn_bias * parts + self._turn_noise(parts)
         return replace(self.place, heading=self.place.heading + math.radians(true_deg))
@@ -82,6 +83,21 @@ class Body:
 
     def _turn_noise(self, parts: float) -> float:
         return self._settings.turn_noise * math.sqrt(parts) * float(self._rng.standard_normal())
+
+    def line_up(self, heading: float | None = None) -> None:
+        """Stand as the wall does: at a heading [rad], or as when it was last followed."""
+        if heading is None:
+            heading = self.place.heading - self._off
+        self.place = replace(self.place, heading=heading)
+        self._off = 0.0
+
+    def leave_wall(self) -> None:
+        """Draw how far the robot stands off the wall that it has followed."""
+        settings = self._settings
+        if settings.alignment_spread:
+            half = math.radians(settings.alignment_spread)
+            self._off = half / settings.factor * float(self._rng.standard_normal())
+            self.place = replace(self.place, heading=self.place.heading + self._off)
 
     def begin_run(self, lined_up: bool) -> None:
         """Draw what goes wrong with a run: a heading error that stays, and a length.

@@ -57,17 +57,28 @@ class Logbook:
         return RECORD_BYTES * (len(self.own.records) + relayed)
 
     def pose(
-        self, t: float, x: float, y: float, heading_deg: float, ir: list[float] | None = None
+        self,
+        t: float,
+        x: float,
+        y: float,
+        heading_deg: float,
+        turned: bool | None = None,
+        ir: list[float] | None = None,
     ) -> None:
-        """Write down where the robot believes it is [s, m, deg], perhaps with IR readings [m]."""
+        """Write down where the robot believes it is [s, m, deg].
+
+        turned : whether a heading that differs is of a turn, or a belief set anew; ir : readings.
+        """
         x, y, heading_deg, t = round(x, 4), round(y, 4), round(heading_deg, 2), round(t, 2)
-        pose = Pose(len(self.own.records), t, x + 0.0, y + 0.0, heading_deg + 0.0)
+        seq = len(self.own.records)
+        pose = Pose(seq, t, x + 0.0, y + 0.0, heading_deg + 0.0, turned=turned)
         if self._belief is None:
             self._belief = setting_out(pose, self._estimator)
         else:
             self._belief = self._belief.after(pose, tuple(self._seen), self._model)
         self._seen.clear()
-        extra = {} if ir is None else {"x_ir": ir}
+        extra = {"turned": turned, "x_ir": ir}
+        extra = {key: value for key, value in extra.items() if value is not None}
         self._write(pose, "pose", x=pose.x, y=pose.y, heading=pose.heading_deg, **extra)
 
     def wall(self, t: float, x: float, y: float, x2: float, y2: float, followed: bool) -> None:

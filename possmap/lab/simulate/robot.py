@@ -19,6 +19,8 @@ from possmap.lab.simulate.world import World
 
 CALIBRATED_SPREAD_DEG = 0.5
 """The ``turn_spread`` of a calibrated robot."""
+CALIBRATED_SENSOR_M = 0.03
+"""Its ``sensor``: readings, straight pieces fitted to them, and walls between two samples."""
 
 _PAPER = ErrorModel()
 _STREAMS = ("faults", "motion", "senses", "decisions", "calibration")
@@ -87,6 +89,9 @@ class Robot:
             model["turn_spread"] = CALIBRATED_SPREAD_DEG
             if settings.turn_noise:
                 model["turn_noise"] = round(settings.factor * settings.turn_noise, 3)
+            if settings.alignment_spread:
+                model["alignment_spread"] = settings.alignment_spread
+            model["sensor"] = CALIBRATED_SENSOR_M
             if settings.drift:
                 model["drift"] = round(self.faults.drift, 3)
             if settings.scale_sd:

@@ -92,6 +92,8 @@ class MissionSettings:
     """Half-width of its end across, per metre [m/m]: a heading error drawn as each run begins."""
     factor: Positive = 2.236
     """Standard deviations in a half-width."""
+    alignment_spread: NotNegative = 0.0
+    """Half-width of the heading after following a wall, against the wall's [deg]."""
     drift: NotNegative = 0.0
     """Of the wheels, to the left [deg/m]; its sign drawn per robot."""
     scale_sd: NotNegative = 0.0

@@ -80,11 +80,11 @@ class Steering:
             raise ValueError("no excursion is under way")
         return self.book
 
-    def note_pose(self, x: float, y: float, heading_deg: float) -> None:
+    def note_pose(self, x: float, y: float, heading_deg: float, turned: bool | None = None) -> None:
         """Write a pose into the log, and both it and the truth into the track."""
         book, place = self.log(), self.body.place
         ir = self.perception.five(place) if self._settings.log_ir else None
-        book.pose(self.time, x, y, heading_deg, ir)
+        book.pose(self.time, x, y, heading_deg, turned, ir)
         pose = book.belief.logged
         self.trail.append(book.belief.corrected.place)
         self.track.append(
@@ -115,7 +115,7 @@ class Steering:
         self.body.place = end
         self._after(done)
         pose = self.log().belief.logged
-        self.note_pose(pose.x, pose.y, pose.heading_deg + asked_deg)
+        self.note_pose(pose.x, pose.y, pose.heading_deg + asked_deg, turned=True)
 
     def line_up(self, true_heading: float) -> Steps:
         """Turn parallel to a wall by its readings; what is believed is what the wheels count.
@@ -126,12 +126,12 @@ class Steering:
         away = math.remainder(true_heading - start.heading, 2 * math.pi)
         end = replace(start, heading=start.heading + away)
         done = yield Motion(abs(math.degrees(away)) / self._settings.turn_rate, start, end)
-        self.body.place = end
+        self.body.line_up(end.heading)
         self._after(done)
         counted = round(self.body.counted_turn(math.degrees(away)), 2)
         if counted:
             pose = self.log().belief.logged
-            self.note_pose(pose.x, pose.y, pose.heading_deg + counted)
+            self.note_pose(pose.x, pose.y, pose.heading_deg + counted, turned=True)
 
     def run(self, distance: float, lined_up: bool = False, wall_side: int = 0) -> Steps:
         """Run straight, at most so far [m], and write down where it ended and what passed by.
@@ -147,6 +147,8 @@ class Steering:
             The side of that wall, +1 left or -1 right.
         """
         body, set_out = self.body, self.time
+        if lined_up:
+            body.line_up()
         body.begin_run(lined_up)
         start = body.place
         bend = body.bend(distance, lined_up)
@@ -167,6 +169,8 @@ class Steering:
                 self._believe_right_angle(set_out)
             body.place = Motion(1.0, start, end).at(done.share)
             self._write_run(ran, pieces, followed)
+            if lined_up:
+                body.leave_wall()
             if done.hold:
                 yield from self.wait(done.hold)
                 self.was_stopped = True
@@ -201,7 +205,7 @@ class Steering:
         pose = belief.logged
         if math.remainder(right_angle - pose.heading_deg, 360.0):
             now, self.time = self.time, since
-            self.note_pose(pose.x, pose.y, right_angle)
+            self.note_pose(pose.x, pose.y, right_angle, turned=False)
             self.time = now
 
     def _write_run(self, ran: float, pieces: list[Sighting], followed: int) -> None:
