@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,9 +12,9 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.budget import Budget
     from possmap.fusing.forget import ForgetSummary, Target
     from possmap.grid.forgotten import Forgotten
+    from possmap.grid.selection import Selection
 
 
 @click.command(epilog="Example: possmap forget site.possmap --robot r3")
@@ -30,7 +31,8 @@ if TYPE_CHECKING:
 @click.option(
     "--recall", is_flag=True, help="Let it in again; its logs must then be fused once more."
 )
-@options.memory
+@click.option("--dry-run", is_flag=True, help="Say what would go, and change nothing.")
+@options.selection
 @options.as_json
 @click.pass_context
 def forget(
@@ -42,7 +44,8 @@ def forget(
     brought_by: str | None,
     once: bool,
     recall: bool,
-    budget: Budget,
+    dry_run: bool,
+    selection: Selection,
     as_json: bool,
 ) -> None:
     """Take evidence out of a grid, as if it had never come.
@@ -50,26 +53,39 @@ def forget(
     The grid is then the one that fusing the same logs without it would make, and has its digest.
     What a forgotten robot carried for others stays. The grid remembers what was forgotten, and
     fuse does not let it in until --recall says so; with --once it may come again at any time.
+    Of a selection (--since, --last, ...; --robot R then counts as --robots R) it remembers the
+    excursions, one by one.
     """
     from possmap.cli.progress import bar
     from possmap.fusing.forget import Target
     from possmap.fusing.forget import forget as take_out
     from possmap.fusing.forget import recall as let_in
 
-    if (robot is None) == (brought_by is None):
-        raise click.UsageError("expected either --robot or --brought-by")
-    if excursion is not None and robot is None:
-        raise click.UsageError("--excursion needs --robot")
     for option, value in (("robot", robot), ("excursion", excursion), ("brought-by", brought_by)):
         if value == "":
             raise click.UsageError(f"--{option} is empty, expected a name")
     if once and recall:
         raise click.UsageError("--once and --recall exclude each other")
-    target: Target = Target(robot, excursion, brought_by)
-    if recall:
-        _say(ctx, as_json, *_recalled(grid, let_in(grid, target)))
+    if selection and (brought_by or excursion or recall):
+        raise click.UsageError(
+            "--brought-by, --excursion and --recall exclude --since, --until, --last, --excursions "
+            "and --robots"
+        )
+    if selection:
+        what: Target | Selection = replace(
+            selection, robots=(*selection.robots, *([robot] if robot else []))
+        )
     else:
-        done = take_out(grid, target, once=once, budget=budget, progress=bar)
+        if (robot is None) == (brought_by is None):
+            raise click.UsageError("expected either --robot or --brought-by, or a selection")
+        if excursion is not None and robot is None:
+            raise click.UsageError("--excursion needs --robot")
+        what = Target(robot, excursion, brought_by)
+    if recall:
+        assert isinstance(what, Target)
+        _say(ctx, as_json, *_recalled(grid, let_in(grid, what)))
+    else:
+        done = take_out(grid, what, once=once, dry_run=dry_run, progress=bar)
         _say(ctx, as_json, *_forgotten(done))
 
 
@@ -88,14 +104,14 @@ def _recalled(grid: Path, what: Forgotten) -> tuple[dict[str, Any], list[str]]:
 
 
 def _forgotten(done: ForgetSummary) -> tuple[dict[str, Any], list[str]]:
-    from dataclasses import asdict
-
     from possmap.errors import plural, printable
 
+    told_of = [as_told(one) for one in done.notes]
     told = {
         "grid": str(done.grid),
-        "forgotten": as_told(done.what),
+        "forgotten": told_of[0] if len(told_of) == 1 else told_of,
         "once": done.once,
+        "dry_run": done.dry_run,
         "excursions": [asdict(one) for one in done.excursions],
         "records": done.records,
         "tiles": done.tiles,
@@ -103,10 +119,12 @@ def _forgotten(done: ForgetSummary) -> tuple[dict[str, Any], list[str]]:
     }
     name = printable(str(done.grid))
     if not done.is_new:
-        since = f"is forgotten since {printable(done.what.forgotten_at)}, and nothing of it is here"
-        return told, [f"{name}: {done.what.title} {since}"]
+        since = printable(done.notes[0].forgotten_at)
+        line = f"{done.title} is forgotten since {since}, and nothing of it is here"
+        return told, [f"{name}: {line}"]
+    did = "would forget" if done.dry_run else "forgot"
     lines = [
-        f"{name}: forgot {done.what.title}: {plural(done.records, 'record')} of "
+        f"{name}: {did} {done.title}: {plural(done.records, 'record')} of "
         f"{plural(len(done.excursions), 'excursion')}, {plural(done.tiles, 'tile')} changed"
     ]
     for one in done.excursions:

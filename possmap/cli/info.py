@@ -12,33 +12,33 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.budget import Budget
-    from possmap.grid.arrivals import Event
+    from possmap.grid.arrivals import Arrival
     from possmap.grid.forgotten import Forgotten
     from possmap.grid.ledger import Entry
-    from possmap.inspection.info import GridInfo
+    from possmap.inspection.info import GridInfo, Share
 
 
 @click.command(epilog="Example: possmap info site.possmap")
 @options.grid_argument
-@options.memory
+@click.option("--excursions", is_flag=True, help="List every excursion, and what brought it.")
 @options.as_json
-def info(grid: Path, budget: Budget, as_json: bool) -> None:
-    """Say what a grid holds: size, settings, robots, excursions, and its digest.
+def info(grid: Path, excursions: bool, as_json: bool) -> None:
+    """Say what a grid holds: size, settings, robots, weeks, and its digest.
 
     Two grids of the same evidence have one digest, in whatever order the logs came.
     """
     from possmap.inspection.info import info as look
 
-    found = look(grid, budget)
-    click.echo(json.dumps(_as_json(found)) if as_json else "\n".join(_as_text(found)))
+    found = look(grid)
+    if as_json:
+        click.echo(json.dumps(_as_json(found)))
+    else:
+        click.echo("\n".join([*_as_text(found), *(_listed if excursions else _in_short)(found)]))
 
 
 def _as_json(found: GridInfo) -> dict[str, Any]:
     from possmap.cli.forget import as_told
-    from possmap.grid.arrivals import Again, Part
 
-    events = found.events_by_excursion()
     return {
         "grid": str(found.grid),
         "digest": found.digest,
@@ -50,39 +50,52 @@ def _as_json(found: GridInfo) -> dict[str, Any]:
         "file_size": found.file_size,
         "records": found.records,
         "robots": found.robots,
+        "by_robot": {name: asdict(share) for name, share in found.by_robot.items()},
+        "by_week": {name: asdict(share) for name, share in found.by_week.items()},
         "settings": found.stored,
         "excursions": [
             {
                 "robot": one.robot,
                 "excursion": one.excursion,
                 "records": one.records,
+                "beyond": one.beyond,
+                "heading": {**one.observations._asdict(), "bias": one.observations.bias},
                 "model": _own(found, one),
                 "parts": [
-                    {"first": event.what.first, "count": event.what.count, **_came(event)}
-                    for event in events.get(one.name, ())
-                    if isinstance(event.what, Part)
+                    {"first": first, "count": came.records - first, **_came(came)}
+                    for came, first in arrived
+                    if first is not None
                 ],
                 "again": [
-                    {"count": event.what.end, **_came(event)}
-                    for event in events.get(one.name, ())
-                    if isinstance(event.what, Again)
+                    {"count": came.records, **_came(came)}
+                    for came, first in arrived
+                    if first is None
                 ],
             }
-            for one in found.excursions
+            for one, arrived in _arrived(found)
         ],
         "forgotten": [as_told(one) for one in found.forgotten],
     }
 
 
-def _came(event: Event) -> dict[str, Any]:
-    what = event.what
+def _arrived(found: GridInfo) -> list[tuple[Entry, list[tuple[Arrival, int | None]]]]:
+    """Return each excursion with what came of it, and the first record of it that was new."""
+    from possmap.grid.arrivals import with_news
+
+    by_name: dict[tuple[str, str], list[tuple[Arrival, int | None]]] = {}
+    for came, first in with_news(found.arrivals):
+        by_name.setdefault(came.name, []).append((came, first))
+    return [(one, by_name.get(one.name, [])) for one in found.excursions]
+
+
+def _came(came: Arrival) -> dict[str, Any]:
     return {
-        "carried_by": what.carrier,
-        "source": what.origin.name,
-        "sha256": what.origin.sha256,
-        "size": what.origin.size,
-        "fused_at": event.fused_at,
-        "version": event.version,
+        "carried_by": came.carrier,
+        "source": came.origin.name,
+        "sha256": came.origin.sha256,
+        "size": came.origin.size,
+        "fused_at": came.fused_at,
+        "version": came.version,
     }
 
 
@@ -97,8 +110,7 @@ def _own(found: GridInfo, entry: Entry) -> dict[str, float]:
 
 
 def _as_text(found: GridInfo) -> list[str]:
-    from possmap.errors import brief, plural, printable
-    from possmap.grid.arrivals import Part
+    from possmap.errors import plural, printable
     from possmap.settings.setting_table import SHAPING
     from possmap.settings.settings import Settings, flat_evidence, scalar
 
@@ -129,18 +141,55 @@ def _as_text(found: GridInfo) -> list[str]:
         if name not in SHAPING
     ]
     lines += ["settings    " + (", ".join(changed) or "the paper's, all of them")]
-    lines += [f"forgotten   {_forgotten(one)}" for one in found.forgotten]
-    events = found.events_by_excursion()
-    for one in found.excursions:
+    beyond = sum(one.beyond for one in found.excursions)
+    if beyond:
+        lines += [
+            f"beyond      {plural(beyond, 'record')} of them: the error reaches max_error there"
+        ]
+    used, vague, outliers = (
+        sum(one.observations[place] for one in found.excursions) for place in range(3)
+    )
+    if used or vague or outliers:
+        lines += [f"heading     {used} observations used, {vague} vague, {outliers} outliers"]
+    return lines + [f"forgotten   {_forgotten(one)}" for one in found.forgotten]
+
+
+def _in_short(found: GridInfo) -> list[str]:
+    """Return a line for each robot and each week."""
+    from possmap.errors import brief, plural
+
+    def line(name: str, share: Share, others: str) -> str:
+        beyond = f", {share.beyond} of them beyond max_error" if share.beyond else ""
+        excursions = plural(share.excursions, "excursion")
+        return f"  {brief(name)}: {excursions}{others}, {plural(share.records, 'record')}{beyond}"
+
+    return [
+        "robots",
+        *(line(name, share, "") for name, share in found.by_robot.items()),
+        "weeks",
+        *(
+            line(name, share, f" of {plural(share.robots, 'robot')}")
+            for name, share in found.by_week.items()
+        ),
+    ]
+
+
+def _listed(found: GridInfo) -> list[str]:
+    """Return a line for each excursion, and for each file that brought some of it."""
+    from possmap.errors import brief, plural
+    from possmap.settings.settings import scalar
+
+    lines: list[str] = []
+    for one, arrived in _arrived(found):
         own = ", ".join(f"{name} {scalar(value)}" for name, value in _own(found, one).items())
         line = f"  {brief(one.robot)} {brief(one.excursion)}: {plural(one.records, 'record')}"
+        line += f" ({one.beyond} beyond max_error)" if one.beyond else ""
         lines += [f"{line}, its own {own}" if own else line]
-        for event in events.get(one.name, ()):
-            part = event.what
-            if isinstance(part, Part):
-                by = " ".join(map(brief, part.carrier or ()))
+        for came, first in arrived:
+            if first is not None:
+                by = " ".join(map(brief, came.carrier or ()))
                 carrier = f", carried by {by}" if by else ""
-                lines += [f"    {part.count} from {brief(part.origin.name)}{carrier}"]
+                lines += [f"    {came.records - first} from {brief(came.origin.name)}{carrier}"]
     return lines
 
 

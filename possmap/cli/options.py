@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -85,6 +87,68 @@ def memory_of(default: int, each: str = "") -> Callable[[F], F]:
 
 
 memory = memory_of(1024)
+
+
+def selection(command: F) -> F:
+    """Add ``--since``, ``--until``, ``--last``, ``--excursions``, ``--robots``: ``selection``."""
+
+    @functools.wraps(command)
+    def with_selection(
+        *args: Any,
+        since: datetime | None,
+        until: datetime | None,
+        last: int | None,
+        excursions: str | None,
+        robots: tuple[str, ...],
+        **kwargs: Any,
+    ) -> Any:
+        from possmap.grid.selection import Selection
+
+        chosen = Selection(since, until, excursions, robots, last)
+        return command(*args, selection=chosen, **kwargs)
+
+    for option in (
+        click.option(
+            "--robots", multiple=True, metavar="R", help="Only of this robot; again for more."
+        ),
+        click.option(
+            "--excursions",
+            metavar="GLOB",
+            help="Only excursions whose name looks so: * stands for any text, ? for a letter.",
+        ),
+        click.option(
+            "--last", type=click.IntRange(min=1), metavar="N", help="Only the N that came last."
+        ),
+        click.option(
+            "--until",
+            callback=_time,
+            metavar="TIME",
+            help="Only what first came until then, as --since says it.",
+        ),
+        click.option(
+            "--since",
+            callback=_time,
+            metavar="TIME",
+            help="Only excursions that first came to the grid since then, a day or a time, here or"
+            " with an offset: 2026-11-30, 2026-11-30T18:00, 2026-11-30T18:00Z.",
+        ),
+    ):
+        option(with_selection)
+    return with_selection  # type: ignore[return-value]
+
+
+def _time(ctx: click.Context, param: click.Parameter, value: str | None) -> datetime | None:
+    """Return a day or a time in ISO 8601; without an offset it is one of this machine's clock."""
+    if value is None:
+        return None
+    try:
+        found = datetime.fromisoformat(value)
+        if len(value) == len("2026-11-30") and param.name == "until":
+            found += timedelta(days=1, seconds=-1)  # a day is over at its end
+        return found.astimezone()
+    except (ValueError, OverflowError):
+        told = f"found {value!r:.40}, expected a time such as 2026-11-30T18:00"
+        raise click.BadParameter(told) from None
 
 
 def base_rate(command: F) -> F:

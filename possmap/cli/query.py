@@ -5,14 +5,10 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from possmap.cli import options
-
-if TYPE_CHECKING:
-    from possmap.budget import Budget
 
 
 def _coordinate(ctx: click.Context, param: click.Parameter, value: float) -> float:
@@ -42,7 +38,6 @@ class _WithNumbers(click.Command):
 @click.argument("x", type=float, callback=_coordinate)
 @click.argument("y", type=float, callback=_coordinate)
 @options.base_rate
-@options.memory
 @options.as_json
 def query(
     grid: Path,
@@ -50,7 +45,6 @@ def query(
     y: float,
     config: Path | None,
     base_rate: float | None,
-    budget: Budget,
     as_json: bool,
 ) -> None:
     """Say what is known of the point (X, Y), in metres, and which records say so.
@@ -61,7 +55,7 @@ def query(
     from possmap.errors import brief
     from possmap.inspection.query import query as ask
 
-    report = ask(grid, x, y, options.chosen_base_rate(config, base_rate), budget)
+    report = ask(grid, x, y, options.chosen_base_rate(config, base_rate))
     if as_json:
         click.echo(json.dumps(asdict(report)))
         return

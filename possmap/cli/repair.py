@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from possmap.cli import options
-
-if TYPE_CHECKING:
-    from possmap.budget import Budget
 
 
 @click.command(epilog="Example: possmap repair site.possmap -o saved.possmap")
@@ -25,7 +21,6 @@ if TYPE_CHECKING:
     help="The new grid; it appears when it is whole.",
 )
 @options.overwrite
-@options.memory
 @options.as_json
 @click.pass_context
 def repair(
@@ -34,7 +29,6 @@ def repair(
     grid: Path,
     output: Path,
     overwrite: bool,
-    budget: Budget,
     as_json: bool,
 ) -> None:
     """Make a new grid from the ledger of a damaged one, tiles and all.
@@ -46,7 +40,7 @@ def repair(
     from possmap.errors import plural, printable
     from possmap.fusing.repair import repair as mend
 
-    made = mend(grid, output, overwrite=overwrite, budget=budget, progress=bar)
+    made = mend(grid, output, overwrite=overwrite, progress=bar)
     for one in made.lost:
         click.echo(f"possmap: {printable(str(grid))}: lost: {one}", err=True)
     if as_json:

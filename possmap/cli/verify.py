@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from possmap.cli import options
 
-if TYPE_CHECKING:
-    from possmap.budget import Budget
-
 
 @click.command(epilog="Example: possmap verify site.possmap")
 @options.grid_argument
 @click.option("--full", is_flag=True, help="Fuse every tile again, not a sample of 64.")
-@options.memory
 @options.as_json
 @click.pass_context
-def verify(ctx: click.Context, /, grid: Path, full: bool, budget: Budget, as_json: bool) -> None:
+def verify(ctx: click.Context, /, grid: Path, full: bool, as_json: bool) -> None:
     """Look whether a grid file is whole, and whether its tiles are what its ledger says.
 
     SQLite's structure, the hash of every tile and of every excursion are looked at, and a sample of
@@ -29,9 +24,9 @@ def verify(ctx: click.Context, /, grid: Path, full: bool, budget: Budget, as_jso
     """
     from possmap.cli.progress import bar
     from possmap.errors import plural, printable
-    from possmap.inspection.verify import verify as look
+    from possmap.grid.verify import verify as look
 
-    found = look(grid, full=full, budget=budget, progress=bar)
+    found = look(grid, full=full, progress=bar)
     name = printable(str(grid))
     if as_json:
         click.echo(
@@ -42,7 +37,7 @@ def verify(ctx: click.Context, /, grid: Path, full: bool, budget: Budget, as_jso
                     "digest": found.digest,
                     "excursions": found.excursions,
                     "tiles": found.tiles,
-                    "fused_again": found.refused,
+                    "fused_again": found.remade,
                     "faults": list(found.faults),
                 }
             )
@@ -50,7 +45,7 @@ def verify(ctx: click.Context, /, grid: Path, full: bool, budget: Budget, as_jso
     elif found.is_sound:
         click.echo(
             f"{name}: sound: {plural(found.excursions, 'excursion')}, "
-            f"{plural(found.tiles, 'tile')}, {found.refused} of them fused again\n"
+            f"{plural(found.tiles, 'tile')}, {found.remade} of them fused again\n"
             f"digest {found.digest}"
         )
     if not found.is_sound:

@@ -5,21 +5,19 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
 
-from possmap.budget import Budget
 from possmap.errors import GridError, did_you_mean, printable
 from possmap.fusing.withdraw import Loss, withdraw
-from possmap.grid.arrivals import replayed
-from possmap.grid.database import check_file
 from possmap.grid.forgotten import SHORT, Forgotten
 from possmap.grid.grid import Grid
 from possmap.grid.ledger import Ledger
-from possmap.grid.opening import EMPTY
+from possmap.grid.opening import EMPTY, check_file
+from possmap.grid.selection import Selection
 from possmap.progress import Progress, quiet
 from possmap.release import version
 
@@ -69,9 +67,10 @@ class Gone:
 
 @dataclass(frozen=True, slots=True)
 class ForgetSummary:
-    """What was forgotten.
+    """What was forgotten, or with ``dry_run`` would have been.
 
-    what : the note that the grid keeps of it, unless only ``once``.
+    title : of it all.
+    notes : those that the grid keeps, unless only ``once``: of a selection one for each excursion.
     is_new : whether it was not forgotten before.
     once : whether it may come again.
     excursions : what each lost.
@@ -80,9 +79,11 @@ class ForgetSummary:
     """
 
     grid: Path
-    what: Forgotten
+    title: str
+    notes: tuple[Forgotten, ...]
     is_new: bool
     once: bool
+    dry_run: bool
     excursions: tuple[Gone, ...]
     tiles: int
     digest: str
@@ -95,10 +96,10 @@ class ForgetSummary:
 
 def forget(
     path: Path,
-    target: Target,
+    target: Target | Selection,
     *,
     once: bool = False,
-    budget: Budget | None = None,
+    dry_run: bool = False,
     progress: Progress = quiet,
 ) -> ForgetSummary:
     """Take evidence out of a grid, in one transaction, and remember not to let it in again.
@@ -107,40 +108,55 @@ def forget(
     ----------
     once
         Do not remember: it may come again.
+    dry_run
+        Say what would go, and change nothing.
 
     Raises
     ------
     GridError
         If the file cannot be used, or knows nothing of the target, or several files of its name.
     """
-    budget = budget or Budget()
-    with _changing(path, budget) as grid:
+    with _changing(path, dry_run) as grid:
         ledger, forgotten = grid.ledger, grid.ledger.forgotten.all()
-        files = [*_files(forgotten), *((name, sha256) for name, sha256, _ in ledger.came.sources())]
-        what = _named(path, target, files, "brought nothing to this grid")
-        known = _same(forgotten, what)
-        grid.upgrade()  # first of all: format 1 has no index of what brought an excursion
-        losses = list(_losses(ledger, what))
-        if known is None and not losses:
-            raise _unknown(path, what, [entry.name for entry in ledger.entries()], forgotten)
-        tiles = withdraw(grid, losses, budget, progress)
-        gone = tuple(
-            Gone(*loss.entry.name, loss.lost, loss.kept, not loss.left)
+        if isinstance(target, Selection):
+            losses = [Loss(entry) for entry in target.entries(grid)]
+            wanted, title = [Forgotten(*one.entry.name) for one in losses], target.title
+        else:
+            files = [*_files(forgotten), *(source[:2] for source in ledger.came.sources())]
+            what = _named(path, target, files, "brought nothing to this grid")
+            losses, wanted, title = list(_losses(ledger, what)), [what], what.title
+        known = {one.key: one for one in forgotten}
+        is_new = any(one.key not in known for one in wanted)
+        if is_new and not losses:
+            names = [entry.name for entry in ledger.entries()]
+            raise _unknown(path, wanted[0], names, forgotten)
+        tiles = withdraw(grid, losses, progress)
+        gone = [
+            Gone(*loss.entry.name, loss.lost, loss.kept or 0, loss.kept is None)
             for loss in losses
-            if loss.lost or not loss.left
+            if loss.lost or loss.kept is None
+        ]
+        notes = [known.get(one.key) or _note(one, gone) for one in wanted]
+        for one in notes:
+            if one.key not in known and not once:
+                ledger.forgotten.add(one)
+        return ForgetSummary(
+            path, title, tuple(notes), is_new, once, dry_run, tuple(gone), tiles, grid.digest()
         )
-        noted = known
-        if noted is None:
-            noted = replace(
-                what,
-                excursions=len(gone),
-                records=sum(one.lost for one in gone),
-                forgotten_at=datetime.now(UTC).isoformat(timespec="seconds"),
-                version=version(),
-            )
-            if not once:
-                ledger.forgotten.add(noted)
-        return ForgetSummary(path, noted, known is None, once, gone, tiles, grid.digest())
+
+
+def _note(what: Forgotten, gone: Sequence[Gone]) -> Forgotten:
+    mine = [
+        one for one in gone if what.excursion in (None, one.excursion)
+        and what.robot in (None, one.robot)
+    ]  # fmt: skip
+    return replace(
+        what,
+        excursions=len(mine),
+        records=sum(one.lost for one in mine),
+        forgotten_at=datetime.now(UTC).isoformat(timespec="seconds"),
+        version=version(),
+    )
 
 
 def recall(path: Path, target: Target) -> Forgotten:
@@ -151,10 +167,10 @@ def recall(path: Path, target: Target) -> Forgotten:
     GridError
         If the file cannot be used, or the target is not forgotten.
     """
-    with _changing(path, Budget()) as grid:
+    with _changing(path) as grid:
         forgotten = grid.ledger.forgotten.all()
         what = _named(path, target, _files(forgotten), "is not forgotten")
-        known = _same(forgotten, what)
+        known = {one.key: one for one in forgotten}.get(what.key)
         if known is None:
             titles = _listed([one.title for one in forgotten]) or "nothing"
             raise GridError(
@@ -164,15 +180,21 @@ def recall(path: Path, target: Target) -> Forgotten:
         return known
 
 
+class _Undone(Exception):
+    """Ends a transaction of which nothing is to be kept."""
+
+
 @contextmanager
-def _changing(path: Path, budget: Budget) -> Iterator[Grid]:
-    """Open a grid that exists, and change it in one transaction."""
+def _changing(path: Path, undone: bool = False) -> Iterator[Grid]:
+    """Open a grid that exists, and change it in one transaction; undone : or only seem to."""
     check_file(path, write=False)
-    with Grid(path, write=True, budget=budget) as grid:
+    with Grid(path, write=True) as grid:
         if grid.is_new:
             raise GridError(f"{printable(str(path))}: {EMPTY}")
-        with grid.transaction():
+        with suppress(_Undone), grid.transaction():
             yield grid
+            if undone:
+                raise _Undone
 
 
 def _files(forgotten: Sequence[Forgotten]) -> list[tuple[str, str]]:
@@ -186,17 +208,16 @@ def _named(
 
     files : names and hashes among which to look for a file; otherwise : what is said of others.
     """
-    source = sha256 = None
-    if target.brought_by is not None:
-        source, sha256 = _file(path, target.brought_by, dict.fromkeys(files), otherwise)
-    return Forgotten(target.robot, target.excursion, source, sha256, 0, 0, "", "")
+    if target.brought_by is None:
+        return Forgotten(target.robot, target.excursion)
+    source, sha256 = _file(path, target.brought_by, list(dict.fromkeys(files)), otherwise)
+    return Forgotten(source=source, sha256=sha256)
 
 
 def _file(
-    path: Path, given: str, files: Iterable[tuple[str, str]], otherwise: str
+    path: Path, given: str, files: Sequence[tuple[str, str]], otherwise: str
 ) -> tuple[str, str]:
     """Return name and hash of the one file that is meant."""
-    files = list(files)
     found = (
         # Hashes first: anybody may name his file like the hash of another.
         [one for one in files if _SHA256.fullmatch(given) and one[1].startswith(given)]
@@ -230,29 +251,20 @@ def _of_same_bytes(files: Iterable[tuple[str, str]], path: Path) -> list[tuple[s
     return [one for one in files if one[1] == sha256]
 
 
-def _same(forgotten: Iterable[Forgotten], what: Forgotten) -> Forgotten | None:
-    for one in forgotten:
-        if (one.robot, one.excursion, one.sha256) == (what.robot, what.excursion, what.sha256):
-            return one
-    return None
-
-
 def _losses(ledger: Ledger, what: Forgotten) -> Iterator[Loss]:
     """Yield what each excursion loses."""
     if what.sha256 is None:
         for entry in ledger.entries():
-            if what.bars(entry.name, ""):
+            if entry.robot == what.robot and what.excursion in (None, entry.excursion):
                 yield Loss(entry)
         return
     for identity in ledger.came.brought_by(what.sha256):
         known = ledger.entry_of(identity)
         if known is not None:
-            others = (
-                event
-                for event in ledger.came.events(known.name)
-                if event.what.origin.sha256 != what.sha256
-            )
-            yield Loss(known, tuple(replayed(others)))
+            came = ledger.came.of(known.name)
+            gone = tuple(one for one in came if one.origin.sha256 == what.sha256)
+            left = [one.records for one in came if one not in gone]
+            yield Loss(known, gone, max(left, default=None))
 
 
 def _unknown(
@@ -261,10 +273,8 @@ def _unknown(
     """Return the error that says that there is nothing to forget."""
     place, robot = printable(str(path)), what.robot or ""
     of_robot = [excursion for one, excursion in names if one == robot]
-    if what.excursion is None or of_robot:
-        missing = what.title
-    else:
-        missing = replace(what, excursion=None).title
+    is_robot_known = what.excursion is None or of_robot
+    missing = what.title if is_robot_known else replace(what, excursion=None).title
     for one in forgotten:
         if one.robot == what.robot and (what.excursion is None or one.excursion is None):
             since = printable(one.forgotten_at)

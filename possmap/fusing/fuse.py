@@ -17,8 +17,8 @@ from possmap.fusing import crew, inputs
 from possmap.fusing.crew import Crew
 from possmap.fusing.judge import Judge
 from possmap.fusing.stages import Read, ReadTask
-from possmap.grid.database import check_file
 from possmap.grid.grid import Grid
+from possmap.grid.opening import check_file
 from possmap.progress import Progress, quiet
 from possmap.release import version
 from possmap.settings.request import Request, in_force
@@ -272,7 +272,6 @@ def _outcome(judge: Judge, one: Read) -> Outcome:
 
 def _write(grid: Grid, judge: Judge, hands: Crew, progress: Progress) -> None:
     """Write what is new down in the ledger, and stamp it, a tile at a time."""
-    grid.upgrade()
     accepted = list(judge.accepted.values())
     if accepted:  # else all that came was known, and only who brought it is new
         batch = hands.batch(accepted, judge.settings.evidence, grid.tiles)

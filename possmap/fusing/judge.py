@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
-from itertools import groupby
-from operator import itemgetter
 from pathlib import Path
 
 from possmap.core.evidence import Findings, findings
@@ -15,18 +12,15 @@ from possmap.core.pyramid import FARTHEST
 from possmap.core.records import PartialMap
 from possmap.errors import ConflictError, LogError, printable
 from possmap.fusing.admission import Admission, how_to_forget
-from possmap.fusing.known import Growing, Known
+from possmap.fusing.known import Growing, Known, Part
 from possmap.fusing.stages import LaidOut
 from possmap.fusing.work import TILE_WORK, most_work, tiles_of, works_of
-from possmap.grid.arrivals import Again, Part
+from possmap.grid.arrivals import Arrival, with_news
 from possmap.grid.ledger import Ledger
 from possmap.logs import Delivery, LogFile, Origin, Parcel
 from possmap.settings.settings import Settings
 
 __all__ = ["Judge", "Known", "Verdict"]
-
-HELD = 64
-"""Excursions of which it is kept what files brought them: the next log often holds them, too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +51,7 @@ class Judge:
     accepted
         Excursions with something that the grid does not hold.
     arrived
-        Their parts, and what came once more by another file, in the order of arrival.
+        All that files held, in the order of arrival.
     """
 
     settings: Settings
@@ -65,12 +59,10 @@ class Judge:
     grid: Path | None = None
     strict: bool = False
     accepted: dict[tuple[str, str], Known] = field(default_factory=dict)
-    arrived: list[tuple[tuple[str, str], Part | Again]] = field(default_factory=list)
+    arrived: list[Arrival] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self._admission = Admission(self.ledger.forgotten.all() if self.ledger else (), self.grid)
-        self._held: dict[tuple[tuple[str, str], str], int] = {}
-        self._held_in_grid = lru_cache(HELD)(self.ledger.came.held if self.ledger else _nothing)
 
     def take(self, log: LogFile, foreseen: Sequence[LaidOut | None] = ()) -> Verdict:
         """Accept a log file whole.
@@ -87,7 +79,6 @@ class Judge:
         """
         growing: dict[tuple[str, str], Growing] = {}
         before: dict[tuple[str, str], Known | None] = {}
-        arrived: list[tuple[tuple[str, str], Part | Again]] = []
         let_in = self._admission.sift(log, foreseen)
         longest: dict[tuple[str, str], int] = {}
         for delivery, _ in let_in.deliveries:
@@ -99,17 +90,15 @@ class Judge:
                 known = before[name] = self._known(name, longest[name])
                 if known is None:
                     known = self._new(delivery, laid_out)
-                    arrived.append((name, known.parts[0]))
                 growing[name] = Growing(known, is_first=before[name] is None)
-            part = self._joined(growing[name], delivery)
-            if part is not None:
-                arrived.append((name, part))
+            self._joined(growing[name], delivery)
         found = {name: one.known() for name, one in growing.items()}
         new = {name: known for name, known in found.items() if known is not before[name]}
         self._check_work(list(new.values()), at_once=not log.is_ledger)
-        arrived += self._again((delivery for delivery, _ in let_in.deliveries), arrived)
-        self.arrived += arrived
-        self._held.update(((name, what.origin.sha256), what.end) for name, what in arrived)
+        self.arrived += [
+            Arrival(one.parcel.name, one.parcel.count, one.origin, one.carrier)
+            for one, _ in let_in.deliveries
+        ]
         self.accepted.update(new)
         added = sum(known.parcel.count - _count(before[name]) for name, known in new.items())
         return Verdict(added, sum(longest.values()) - added, bool(new), let_in.note)
@@ -118,47 +107,6 @@ class Judge:
         """Forget what was accepted."""
         self.accepted.clear()
         self.arrived.clear()
-        self._held.clear()
-
-    def _again(
-        self,
-        deliveries: Iterable[Delivery],
-        arrived: Sequence[tuple[tuple[str, str], Part | Again]],
-    ) -> list[tuple[tuple[str, str], Part | Again]]:
-        """Return what came once more, by files that nobody has yet seen to hold as much."""
-        noted = {(name, what.origin.sha256) for name, what in arrived}
-        found: dict[tuple[tuple[str, str], str], Again] = {}
-        for delivery in deliveries:
-            key = delivery.parcel.name, delivery.origin.sha256
-            again = Again(delivery.parcel.count, delivery.origin, delivery.carrier)
-            if key in noted or (key in found and found[key].end >= again.end):
-                continue
-            found[key] = again
-        seen = self._seen(found)
-        return [(key[0], again) for key, again in found.items() if again.end > seen.get(key, -1)]
-
-    def _seen(
-        self, keys: Collection[tuple[tuple[str, str], str]]
-    ) -> dict[tuple[tuple[str, str], str], int]:
-        """Return how many records files are known to have held, in the grid or accepted since.
-
-        keys : robot and excursion, and a file's SHA-256; left out is what nobody knows of.
-        """
-        seen = {key: self._held[key] for key in keys if key in self._held}
-        others = {key for key in keys if key not in seen}
-        if self.ledger is None:
-            return seen
-        came = self.ledger.came
-        if not came.has_index and len(others) > HELD:
-            for event in came.events():  # rather than a look at all of it for each
-                key = event.name, event.what.origin.sha256
-                if key in others:
-                    seen[key] = max(event.what.end, seen.get(key, 0))
-            return seen
-        for name, some in groupby(sorted(others), key=itemgetter(0)):
-            in_grid = self._held_in_grid(name)
-            seen.update((key, in_grid[key[1]]) for key in some if key[1] in in_grid)
-        return seen
 
     def _known(self, name: tuple[str, str], longest: int) -> Known | None:
         """Return what is known of an excursion.
@@ -177,7 +125,7 @@ class Judge:
         """Return what is known by the first delivery of an excursion."""
         parcel = delivery.parcel
         model = self.settings.model_in_force(*parcel.terms)
-        part = Part(0, parcel.count, delivery.origin, delivery.carrier)
+        part = Part(0, parcel.count, delivery.origin)
         return Known(parcel, model, 0, (part,), (delivery.place,), laid_out)
 
     def _joined(self, growing: Growing, delivery: Delivery) -> Part | None:
@@ -198,9 +146,9 @@ class Judge:
         """Return what brought a record, for a message, and what to do if that is what is false."""
         way_in = self._way_in(known.version)
         if self.ledger is not None:
-            for arrival in self.ledger.arrivals(known.version.name):
-                if record is None or arrival.part.holds(record):
-                    name = printable(arrival.part.origin.name)
+            for arrival, first in with_news(self.ledger.came.of(known.version.name)):
+                if first is not None and (record is None or first <= record < arrival.records):
+                    name = printable(arrival.origin.name)
                     return f"{name}, fused {printable(arrival.fused_at)}", way_in
         for part, place in zip(known.parts, known.places, strict=True):
             if record is None or part.holds(record):
@@ -276,10 +224,6 @@ class Judge:
                     f"{limit:.3g} (setting limit_record_cells)",
                 )
         return sum(work.of_file for work in works.values())
-
-
-def _nothing(_: tuple[str, str]) -> dict[str, int]:
-    return {}
 
 
 def _count(known: Known | None) -> int:

@@ -7,8 +7,20 @@ from dataclasses import dataclass, replace
 from possmap.core.model import ErrorModel
 from possmap.core.records import Difference, PartialMap, first_difference
 from possmap.fusing.stages import LaidOut
-from possmap.grid.arrivals import Part
-from possmap.logs import Delivery, Parcel
+from possmap.logs import Delivery, Origin, Parcel
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Some records of an excursion, and what brought them: first and count are their numbers."""
+
+    first: int
+    count: int
+    origin: Origin
+
+    def holds(self, number: int) -> bool:
+        """Whether it brought the record of that number."""
+        return self.first <= number < self.first + self.count
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +97,7 @@ class Growing:
         new = delivery.parcel.count - known.count
         if new <= 0:
             return None
-        part = Part(known.count, new, delivery.origin, delivery.carrier)
+        part = Part(known.count, new, delivery.origin)
         self._longer = delivery.parcel
         self._parts.append(part)
         self._places.append(delivery.place)

@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import hashlib
-import re
 from collections.abc import Iterator
 from pathlib import Path
 
 from possmap.core.records import PartialMap
 from possmap.errors import GridError, printable
-from possmap.grid.arrivals import Again, Part
+from possmap.grid.excursion_hash import excursion_hash
 from possmap.grid.grid import Grid
 from possmap.grid.ledger import Entry
-from possmap.grid.rows import excursion_hash
-from possmap.grid.soundness import title
+from possmap.grid.soundness import is_sound
 from possmap.logs import Delivery, LogFile, Origin, Parcel
 from possmap.logs.delivery import path_text
-from possmap.logs.fields import Fault, name_of
+from possmap.logs.fields import Fault
 from possmap.logs.rechecking import rechecked
 from possmap.settings.limits import Limits
-
-_SHA256 = re.compile("[0-9a-f]{64}")
 
 
 def read_ledger(path: Path, limits: Limits) -> LogFile:
@@ -37,20 +33,22 @@ def read_ledger(path: Path, limits: Limits) -> LogFile:
     """
     deliveries: list[Delivery] = []
     with Grid(path) as grid, grid.snapshot():
+        grid.database.check_structure()
         origin = Origin(str(path), hashlib.sha256(grid.digest().encode()).hexdigest(), 0)
         known = {entry.name: (entry, Parcel(one)) for entry, one in _versions(grid, limits)}
         missing = set(known)
-        for _, name, what, *_ in grid.ledger.came.events():
-            entry, whole = known[name]
-            fault = _fault_of(what, entry)
-            if fault:
-                raise _damaged(path, entry, fault)
-            if what.end == entry.records:
-                missing.discard(name)
+        for one in grid.ledger.came.all():
+            entry, whole = known[one.name]
+            if not is_sound(one):
+                raise _damaged(path, entry, "a file that brought it is not as possmap writes it")
+            if one.records > entry.records:
+                raise _damaged(path, entry, f"a file is said to have held {one.records} records")
+            if one.records == entry.records:
+                missing.discard(one.name)
             # Files may be many, and each may have held another beginning: none is copied.
-            parcel = whole.beginning(what.end)
+            parcel = whole.beginning(one.records)
             place = f"{path}: {entry.robot} {entry.excursion}"
-            deliveries.append(Delivery(parcel, place, what.origin, what.carrier))
+            deliveries.append(Delivery(parcel, place, one.origin, one.carrier))
         for name in sorted(missing):
             raise _damaged(path, known[name][0], "nothing says what brought its last record")
     return LogFile(origin, tuple(deliveries), is_ledger=True)
@@ -73,24 +71,6 @@ def _versions(grid: Grid, limits: Limits) -> Iterator[tuple[Entry, PartialMap]]:
         yield entry, version
 
 
-def _fault_of(what: Part | Again, entry: Entry) -> str | None:
-    """Return what is wrong with what is said of a file, if anything is."""
-    origin = what.origin
-    first = what.first if isinstance(what, Part) else 0
-    if not 0 <= first <= what.end <= entry.records:
-        return f"a file is said to have held its records {first} to {what.end}"
-    if type(origin.sha256) is not str or not _SHA256.fullmatch(origin.sha256):
-        return "the SHA-256 of a file that brought it is none"
-    if type(origin.size) is not int or origin.size < 0:
-        return "the size of a file that brought it is none"
-    try:
-        for one in what.carrier or ():
-            name_of("carrier", one)
-    except Fault as fault:
-        return f"carrier: {fault.problem}"
-    return None
-
-
 def _damaged(path: Path, entry: Entry, what: str) -> GridError:
-    name, whose = printable(str(path)), printable(title(entry))
+    name, whose = printable(str(path)), entry.title
     return GridError(f"{name}: damaged: {whose[:160]}: {printable(what)[:200]}")

@@ -5,22 +5,21 @@ Every function here is pure but for the file that it reads, and takes and return
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 from possmap.budget import Budget
 from possmap.core.evidence import Findings, Layer, findings
-from possmap.core.fusion import TileLayers, blank, fuse_tile
-from possmap.core.lattice import TILE, TileKey
+from possmap.core.fusion import fuse_tile
+from possmap.core.lattice import TileKey
 from possmap.core.model import ErrorModel
 from possmap.core.plan import ExcursionPlan, TileWork, plan_excursion
 from possmap.core.settings import EvidenceSettings
-from possmap.errors import BudgetError, GridError, LogError, TileError, printable
+from possmap.errors import BudgetError, GridError, LogError, printable
 from possmap.fusing import inputs
 from possmap.fusing.work import might_be_lost, most_work, works_of
-from possmap.grid.encoding import EncodedTile, decode, encode
+from possmap.grid.encoding import EncodedTile, encode, unpacked
 from possmap.grid.rows import ExcursionRows, excursion_rows
 from possmap.logs import Delivery, LogFile, Parcel
 from possmap.settings.limits import Limits
@@ -149,7 +148,9 @@ def _laid_out(task: LayoutTask, found: Findings | None = None) -> LaidOut:
     version = task.parcel.version
     found = found or findings(version, task.model, task.settings)
     plan = plan_excursion(found, task.known_records, task.settings)
-    rows = excursion_rows(version, task.model, task.known_records, found.geometry, plan.touched())
+    rows = excursion_rows(
+        version, task.model, task.known_records, found.geometry, plan.touched(), found.observations
+    )
     return LaidOut(rows, plan)
 
 
@@ -164,26 +165,3 @@ def stamp_tile(task: TileTask) -> TileResult:
     key = task.work.key
     changed = fuse_tile(task.work, unpacked(key, task.stored), task.settings)
     return TileResult(key, {layer: encode(layer, key, array) for layer, array in changed.items()})
-
-
-def unpacked(key: TileKey, stored: Mapping[Layer, EncodedTile]) -> TileLayers:
-    """Return the layers of a stored tile.
-
-    Raises
-    ------
-    TileError
-        If it is damaged.
-    """
-    found: TileLayers = {}
-    for layer, (bounds, _, data) in stored.items():
-        whole = found[layer] = blank(layer)
-        try:
-            if not 0 <= bounds.row0 < bounds.row1 <= TILE:
-                raise ValueError("bounds outside the tile")
-            if not 0 <= bounds.column0 < bounds.column1 <= TILE:
-                raise ValueError("bounds outside the tile")
-            cells = decode(layer, bounds, data)
-        except (ValueError, TypeError, zlib.error) as error:
-            raise TileError(f"tile {key.row}, {key.column}: {error}") from error
-        whole[bounds.row0 : bounds.row1, bounds.column0 : bounds.column1] = cells
-    return found

@@ -5,14 +5,16 @@ from __future__ import annotations
 import hashlib
 import struct
 import zlib
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from possmap.core.evidence import Layer
-from possmap.core.fusion import LayerArray
+from possmap.core.fusion import LayerArray, TileLayers, blank
 from possmap.core.lattice import TileKey, Window
+from possmap.errors import TileError
 
 _COMPRESSION = 3
 """zlib's level: beyond it files shrink by a few per cent, and writing takes twice as long."""
@@ -64,15 +66,15 @@ def digest_of(
     return hashlib.sha256(name + cells.tobytes()).digest()
 
 
-def decode(_: Layer, bounds: Window, data: bytes) -> LayerArray:
-    """Return the cells of ``bounds``, as 64-bit integers.
+def decode(bounds: Window, data: bytes) -> LayerArray:
+    """Return the cells of ``bounds``, as signed 64-bit integers.
 
     Raises
     ------
     ValueError
         If the bytes are not a tile's.
     """
-    width = data[0] if data else 0
+    width = data[0] if data else 0  # no bytes at all, too, if their row is gone
     if width not in (2, 4, 8):
         raise ValueError(f"a cell of {width} bytes")
     size = bounds.cells * width
@@ -81,12 +83,8 @@ def decode(_: Layer, bounds: Window, data: bytes) -> LayerArray:
         planes = inflated.decompress(data[1:], size + 1)
     except zlib.error as error:
         raise ValueError(str(error)) from error
-    if len(planes) != size:
-        raise ValueError(f"{len(planes)} bytes of cells, expected {size}")
-    if not inflated.eof:
-        raise ValueError("its compressed cells are cut short")
-    if inflated.unused_data:
-        raise ValueError(f"{len(inflated.unused_data)} bytes behind its compressed cells")
+    if len(planes) != size or not inflated.eof or inflated.unused_data:
+        raise ValueError(f"its cells are not {size} bytes, compressed")
     dtype = np.dtype(f"u{width}")
     lowest, *higher = np.frombuffer(planes, dtype=np.uint8).reshape(width, -1)
     differences = lowest.astype(dtype)
@@ -96,3 +94,22 @@ def decode(_: Layer, bounds: Window, data: bytes) -> LayerArray:
         differences.reshape(bounds.shape), axis=1, dtype=dtype
     )
     return cells.astype(np.int64)
+
+
+def unpacked(key: TileKey, stored: Mapping[Layer, EncodedTile]) -> TileLayers:
+    """Return the layers of a stored tile, each of shape (TILE, TILE).
+
+    Raises
+    ------
+    TileError
+        If it is damaged.
+    """
+    found: TileLayers = {}
+    for layer, (bounds, _, data) in stored.items():
+        whole = found[layer] = blank()
+        try:
+            cells = decode(bounds, data)
+        except ValueError as error:
+            raise TileError(f"tile {key.row}, {key.column}: {error}") from error
+        whole[bounds.row0 : bounds.row1, bounds.column0 : bounds.column1] = cells
+    return found

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 from possmap.errors import brief
-from possmap.grid.checks import check_counts, check_types
 from possmap.grid.database import Database
 
 SHORT = 12
@@ -29,20 +28,19 @@ class Forgotten:
         When (UTC, ISO 8601), and by which possmap.
     """
 
-    robot: str | None
-    excursion: str | None
-    source: str | None
-    sha256: str | None
-    excursions: int
-    records: int
-    forgotten_at: str
-    version: str
+    robot: str | None = None
+    excursion: str | None = None
+    source: str | None = None
+    sha256: str | None = None
+    excursions: int = 0
+    records: int = 0
+    forgotten_at: str = ""
+    version: str = ""
 
-    def bars(self, name: tuple[str, str], sha256: str) -> bool:
-        """Whether it keeps out what a file of that hash says of that robot and excursion."""
-        if self.robot is None:
-            return sha256 == self.sha256
-        return name[0] == self.robot and self.excursion in (None, name[1])
+    @property
+    def key(self) -> tuple[str | None, ...]:
+        """What tells one from another."""
+        return self.robot, self.excursion, self.sha256
 
     @property
     def title(self) -> str:
@@ -55,31 +53,20 @@ class Forgotten:
 
 
 class Bans:
-    """Looks up what keeps something out, however much was forgotten.
-
-    forgotten : in order; of several that would do, the first is found.
-    """
+    """Looks up what keeps something out, however much was forgotten."""
 
     def __init__(self, forgotten: Sequence[Forgotten]) -> None:
-        self._forgotten = forgotten
-        self._robots: dict[tuple[str, str | None], int] = {}
-        self._files: dict[str, int] = {}
-        for place, one in enumerate(forgotten):
-            if one.robot is not None:
-                self._robots.setdefault((one.robot, one.excursion), place)
-            elif one.sha256 is not None:
-                self._files.setdefault(one.sha256, place)
+        self._robots = {(one.robot, one.excursion): one for one in reversed(forgotten)}
+        self._files = {one.sha256: one for one in reversed(forgotten) if one.robot is None}
 
     def on(self, name: tuple[str, str], sha256: str) -> Forgotten | None:
         """Return what keeps out what a file of that hash says of that robot and excursion."""
         robot, excursion = name
-        found = (
-            self._robots.get((robot, None)),
-            self._robots.get((robot, excursion)),
-            self._files.get(sha256),
+        return (
+            self._robots.get((robot, None))
+            or self._robots.get((robot, excursion))
+            or self._files.get(sha256)
         )
-        first = min((place for place in found if place is not None), default=None)
-        return None if first is None else self._forgotten[first]
 
 
 _COLUMNS = "robot, excursion, source, sha256, excursions, records, forgotten_at, version"
@@ -92,40 +79,17 @@ class ForgottenList:
         self._database = database
 
     def all(self) -> tuple[Forgotten, ...]:
-        """Return all that is forgotten, the first first; a file of format 1 forgot nothing."""
-        if self._database.format < 2:
-            return ()
-        found = []
-        for row in self._database.all(f"SELECT {_COLUMNS} FROM forgotten ORDER BY id"):
-            with self._database.sound("what was forgotten"):
-                one = Forgotten(*row)
-                for value in (one.robot, one.excursion, one.source, one.sha256):
-                    if value is not None:
-                        check_types((value, str))
-                check_types((one.forgotten_at, str), (one.version, str))
-                check_counts(one.excursions, one.records)
-                if (one.robot is None) == (one.sha256 is None):
-                    raise ValueError("neither a robot nor a file, or both")
-                if one.robot is None and one.excursion is not None:
-                    raise ValueError("an excursion of no robot")
-                if (one.source is None) != (one.sha256 is None):
-                    raise ValueError("a file without its name, or the name of none")
-            found.append(one)
-        return tuple(found)
+        """Return all that is forgotten, the first first."""
+        rows = self._database.all(f"SELECT {_COLUMNS} FROM forgotten ORDER BY id")
+        return tuple(Forgotten(*row) for row in rows)
 
     def add(self, one: Forgotten) -> None:
         """Remember something."""
-        self._database.execute(
-            f"INSERT INTO forgotten ({_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
-            (
-                one.robot, one.excursion, one.source, one.sha256,
-                one.excursions, one.records, one.forgotten_at, one.version,
-            ),
-        )  # fmt: skip
+        marks = ", ".join("?" * len(astuple(one)))
+        self._database.execute(f"INSERT INTO forgotten ({_COLUMNS}) VALUES ({marks})", astuple(one))
 
     def remove(self, one: Forgotten) -> None:
         """Let it in again."""
         self._database.execute(
-            "DELETE FROM forgotten WHERE robot IS ? AND excursion IS ? AND sha256 IS ?",
-            (one.robot, one.excursion, one.sha256),
+            "DELETE FROM forgotten WHERE robot IS ? AND excursion IS ? AND sha256 IS ?", one.key
         )

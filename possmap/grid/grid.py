@@ -20,12 +20,9 @@ from possmap.core.lattice import Lattice, Window
 from possmap.core.patches import extent_of, spread
 from possmap.core.settings import EvidenceSettings, RobotModels
 from possmap.core.views import CellArray
-from possmap.errors import GridError, SettingsError, did_you_mean
-from possmap.grid.checks import exactly, json_value
+from possmap.errors import SettingsError, brief, did_you_mean
 from possmap.grid.database import Database
 from possmap.grid.ledger import Ledger
-from possmap.grid.opening import EMPTY
-from possmap.grid.soundness import Soundness
 from possmap.grid.tiles import TileStore
 from possmap.settings.setting_table import SHAPING, Value, parse_setting
 from possmap.settings.settings import assemble, flat_evidence, flat_robots
@@ -42,14 +39,12 @@ LATER: Mapping[str, Value] = MappingProxyType(
         "wall_tilt": 4.5,
     }
 )
-"""Settings that the first grids did not have, with what they did."""
+"""Settings that came after the first digests, with what was so before: then they are not in it."""
 
 
 MOST_CELLS = 10**9
 """More than these are never read at once."""
 
-_READING_KIB = 8192
-"""SQLite's cache where nothing is written: a larger one makes nothing faster."""
 _CELL_BYTES = 8
 
 
@@ -61,9 +56,10 @@ class Grid:
 
     Parameters
     ----------
+    path
+        The file; with ``write`` it is made in the first transaction, if need be.
     budget
-        What bounds memory: SQLite's cache, and the arrays of a window; None: the cache as by
-        default, and any window of up to 10⁹ cells.
+        What bounds the arrays of a window; None: any of up to 10⁹ cells.
 
     Attributes
     ----------
@@ -73,11 +69,13 @@ class Grid:
         Excursions, records and arrivals.
     tiles
         The stored tiles.
+    database
+        The connection, for who looks for faults.
 
     Raises
     ------
     GridError
-        If the file is no grid, is damaged, or was written by a newer version.
+        If the file is no grid, is cut short, or is of another format.
     """
 
     def __init__(
@@ -85,14 +83,10 @@ class Grid:
     ) -> None:
         self.path = Path(path)
         self.budget = budget
-        cache_kib = (budget or Budget()).cache_kib
-        self._database = Database(self.path, write, cache_kib if write else _READING_KIB)
+        self.database = self._database = Database(self.path, write)
         self._digest: tuple[tuple[int, int], str] | None = None
         self.ledger = Ledger(self._database)
         self.tiles = TileStore(self._database)
-        if not write and self.is_new:
-            self.close()
-            raise GridError(f"{self._database.name}: {EMPTY}")
 
     def __repr__(self) -> str:
         return f"<possmap grid {self._database.name}>"
@@ -116,11 +110,6 @@ class Grid:
     def is_new(self) -> bool:
         """Whether nothing was ever committed to the file."""
         return self._database.is_new()
-
-    @property
-    def soundness(self) -> Soundness:
-        """What looks for faults."""
-        return Soundness(self._database)
 
     @property
     def settings(self) -> EvidenceSettings:
@@ -224,17 +213,21 @@ class Grid:
         return digest.hexdigest()
 
     def stored_settings(self) -> dict[str, Value]:
-        """Return the stored settings, flat; those of robots as ``robots.NAME.parameter``."""
+        """Return the stored settings, flat; those of robots as ``robots.NAME.parameter``.
+
+        Raises
+        ------
+        GridError
+            If one of them is no setting, or is missing.
+        """
         stored: dict[str, Value] = {}
         for name, value in self._database.all("SELECT name, value FROM setting"):
             try:
-                text = str(json_value(value))
-                text = text.lower() if text in ("True", "False") else text
-                stored[name] = parse_setting(exactly(name, str), text, "").value
-            except (ValueError, TypeError, RecursionError, SettingsError) as error:
-                raise self._database.damaged(f"setting {name!r:.80}") from error
-        for name, value in LATER.items():
-            stored.setdefault(name, value)
+                found = json.loads(value)
+                text = str(found).lower() if isinstance(found, bool) else str(found)
+                stored[name] = parse_setting(name, text, "").value
+            except (ValueError, RecursionError, SettingsError) as error:
+                raise self._database.damaged(f"setting {brief(name)}: {error}") from error
         for name in SHAPING:
             if name not in stored:
                 raise self._database.damaged(f"setting {name} is missing")
@@ -268,10 +261,6 @@ class Grid:
                         f"{name} {stored[name]}, where this one has {mine[name]}"
                     )
         self._store(flat_robots(robots))
-
-    def upgrade(self) -> None:
-        """Make of an older file one of the newest format, inside a transaction."""
-        self._database.upgrade()
 
     def _store(self, values: Mapping[str, Value]) -> None:
         self._database.many(

@@ -9,17 +9,15 @@ from operator import itemgetter
 import numpy as np
 
 from possmap.core.evidence import Layer
-from possmap.core.fusion import LayerArray, TileLayers, blank
-from possmap.core.lattice import TILE, TileKey, Window, joined, tile_window
+from possmap.core.fusion import LayerArray, TileLayers
+from possmap.core.lattice import TILE, TileKey, Window, joined
 from possmap.core.patches import Crop, Patch, cropped
 from possmap.core.patches import joined as joined_patches
 from possmap.core.settings import FreeFusion
-from possmap.errors import GridError
-from possmap.grid.bounds import CELLS
-from possmap.grid.checks import bounds_in_tile, exactly, tile_place
+from possmap.errors import GridError, TileError
 from possmap.grid.database import Database
 from possmap.grid.directory import Directory
-from possmap.grid.encoding import EncodedTile, decode, encode
+from possmap.grid.encoding import EncodedTile, decode, encode, unpacked
 
 _AT_ONCE = 32
 """Tiles whose bytes are read together."""
@@ -48,11 +46,11 @@ class TileStore:
 
     def read(self, key: TileKey) -> TileLayers:
         """Return the layers of one tile that are not pure ignorance, each of shape (TILE, TILE)."""
-        layers: TileLayers = {}
-        for layer, crop in self.patch(key).items():
-            whole = layers[layer] = blank(layer)
-            whole[crop.window.slices_in(tile_window(key))] = crop.cells
-        return layers
+        stored = self.packed(key)
+        try:
+            return unpacked(key, stored)
+        except TileError as error:
+            raise self._database.damaged(str(error)) from error
 
     def patch(self, key: TileKey) -> Patch:
         """Return what one tile holds of each layer; empty if it is pure ignorance."""
@@ -65,15 +63,11 @@ class TileStore:
             " FROM tile LEFT JOIN cells ON cells.tile = tile.id"
             f' WHERE layer IN ({_LAYERS}) AND row = ? AND "column" = ?',
             tuple(key),
-            CELLS,
         )
-        with self._database.sound(f"tile {key.row}, {key.column}"):
-            return {
-                Layer(layer): EncodedTile(
-                    bounds_in_tile(*bounds), exactly(digest, bytes), exactly(data, bytes)
-                )
-                for layer, *bounds, digest, data in stored
-            }
+        return {
+            Layer(layer): EncodedTile(Window(*bounds), digest, data)
+            for layer, *bounds, digest, data in stored
+        }
 
     def damaged(self, what: str) -> GridError:
         """Return the error that says what in a packed tile is not as it was written."""
@@ -115,14 +109,14 @@ class TileStore:
 
     def read_window(self, layer: Layer, window: Window) -> LayerArray:
         """Return one layer of a window, shape (rows, columns); what no tile holds is 0."""
-        whole: LayerArray = np.zeros(window.shape, dtype=blank(layer).dtype)
+        whole: LayerArray = np.zeros(window.shape, dtype=np.int64)
         for crop in self.crops(layer, window):
             whole[crop.window.slices_in(window)] = crop.cells
         return whole
 
     def crops(self, layer: Layer, window: Window) -> Iterator[Crop]:
         """Yield what tiles hold of one layer of a window, one by one."""
-        for row in self.directory.rows_of(layer, window):
+        for row in self.directory.rows(window, layer):
             for span in self._spans(row, window):
                 for _, _, crop in self._stored(str(int(layer)), row, *span):
                     yield from cropped({layer: crop}, window).values()
@@ -157,18 +151,18 @@ class TileStore:
         self, layers: str, row: int, first: int, last: int | None = None
     ) -> Iterator[tuple[int, Layer, Crop]]:
         """Yield column, layer and cells of what is stored of a row's tiles first … last."""
-        for layer, column, row0, row1, column0, column1, data in self._database.all(
+        for layer, column, *inner, data in self._database.all(
             'SELECT layer, "column", row0, row1, column0, column1, data'
             " FROM tile LEFT JOIN cells ON cells.tile = tile.id"
             f' WHERE layer IN ({layers}) AND row = ? AND "column" BETWEEN ? AND ?'
             ' ORDER BY "column"',
             (row, first, first if last is None else last),
-            CELLS,
         ):
-            with self._database.sound(f"tile {row}, {column}"):
-                tile_place(column)
-                inner = bounds_in_tile(row0, row1, column0, column1)
-                cells = decode(Layer(layer), inner, data)
+            row0, row1, column0, column1 = inner
+            try:
+                cells = decode(Window(*inner), data)
+            except ValueError as error:
+                raise self._database.damaged(f"tile {row}, {column}: {error}") from error
             bounds = Window(
                 row * TILE + row0, row * TILE + row1,
                 column * TILE + column0, column * TILE + column1,

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from datetime import datetime
+from functools import cached_property
 from pathlib import Path
 
-from possmap.budget import Budget
 from possmap.core.lattice import TILE, Window
-from possmap.errors import plural, printable
-from possmap.grid.arrivals import Event
+from possmap.grid.arrivals import Arrival
 from possmap.grid.forgotten import Forgotten
 from possmap.grid.grid import Grid
 from possmap.grid.ledger import Entry
@@ -17,6 +18,30 @@ from possmap.settings.settings import Settings, assemble
 
 
 @dataclass(frozen=True, slots=True)
+class Share:
+    """What some excursions of a grid come to.
+
+    beyond : records that say nothing, since the error there reaches ``max_error``.
+    """
+
+    excursions: int
+    records: int
+    beyond: int
+    robots: int
+
+    @classmethod
+    def of(cls, entries: Iterable[Entry]) -> Share:
+        """Add up."""
+        some = list(entries)
+        return cls(
+            len(some),
+            sum(one.records for one in some),
+            sum(one.beyond for one in some),
+            len({one.robot for one in some}),
+        )
+
+
+@dataclass(frozen=True)
 class GridInfo:
     """A grid's size, settings and history.
 
@@ -24,7 +49,8 @@ class GridInfo:
     extent_m : the same as x0, y0, x1, y1 [m].
     tiles, tile_cells : how many tiles hold anything, and the cells in them.
     file_size : [bytes].
-    events : what came by which file, also what was known already.
+    times : when each excursion first came, by its identity: UTC, ISO 8601.
+    arrivals : what came by which file, also what was known already.
     forgotten : what was taken out, and is not let in.
     """
 
@@ -39,7 +65,8 @@ class GridInfo:
     settings: Settings
     stored: dict[str, Value]
     excursions: tuple[Entry, ...]
-    events: tuple[Event, ...]
+    times: dict[int, str]
+    arrivals: tuple[Arrival, ...]
     forgotten: tuple[Forgotten, ...]
 
     @property
@@ -52,35 +79,36 @@ class GridInfo:
         """Records of all excursions."""
         return sum(entry.records for entry in self.excursions)
 
-    def events_by_excursion(self) -> dict[tuple[str, str], list[Event]]:
-        """Return what came of each excursion, in the order of arrival."""
-        found: dict[tuple[str, str], list[Event]] = {}
-        for event in self.events:
-            found.setdefault(event.name, []).append(event)
-        return found
+    @cached_property
+    def by_robot(self) -> dict[str, Share]:
+        """What each robot came home with."""
+        return self._by(lambda entry: entry.robot)
+
+    @cached_property
+    def by_week(self) -> dict[str, Share]:
+        """What came in each week, by its ISO name: ``2026-W49``."""
+        return self._by(self._week)
+
+    def _week(self, entry: Entry) -> str:
+        came = self.times.get(entry.identity)
+        return f"{datetime.fromisoformat(came):%G-W%V}" if came else "unknown"
+
+    def _by(self, key: Callable[[Entry], str]) -> dict[str, Share]:
+        groups: dict[str, list[Entry]] = {}
+        for entry in self.excursions:
+            groups.setdefault(key(entry), []).append(entry)
+        return {name: Share.of(groups[name]) for name in sorted(groups)}
 
 
-_EXCURSION_BYTES = 8000
-"""An excursion with what brought it, as values and as text."""
-
-
-def info(path: Path, budget: Budget | None = None) -> GridInfo:
+def info(path: Path) -> GridInfo:
     """Look into a grid file.
 
     Raises
     ------
     GridError
         If it is no grid.
-    BudgetError
-        If its excursions are too many to list.
     """
-    budget = budget or Budget()
-    with Grid(path, budget=budget) as grid, grid.snapshot():
-        known = grid.excursion_count
-        budget.check_held(
-            f"{printable(str(path))}: a list of {plural(known, 'excursion')}",
-            known * _EXCURSION_BYTES,
-        )
+    with Grid(path) as grid, grid.snapshot():
         window = grid.window
         extent = None
         if window is not None:
@@ -102,6 +130,7 @@ def info(path: Path, budget: Budget | None = None) -> GridInfo:
             settings=assemble(stored),
             stored=stored,
             excursions=tuple(grid.ledger.entries()),
-            events=tuple(grid.ledger.came.events()),
+            times=grid.ledger.came.times(),
+            arrivals=tuple(grid.ledger.came.all()),
             forgotten=grid.ledger.forgotten.all(),
         )

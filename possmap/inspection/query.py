@@ -8,16 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from possmap.budget import Budget
 from possmap.core import kernel, views
 from possmap.core.clip import spared
-from possmap.core.evidence import Evidence, Layer, findings
+from possmap.core.evidence import Evidence, Layer
 from possmap.core.lattice import TILE, TileKey, Window
 from possmap.core.pyramid import FULL, relevant
 from possmap.core.records import KIND_OF
 from possmap.core.settings import EvidenceSettings
 from possmap.core.stamping import Piece
 from possmap.grid.grid import Grid
+from possmap.grid.replay import replay
 
 LAYER_WORDS = {Layer.WALLS: "wall", Layer.FREE: "free", Layer.POINTS: "point"}
 
@@ -54,9 +54,7 @@ class PointReport:
     witnesses: tuple[Witness, ...]
 
 
-def query(
-    path: Path, x: float, y: float, base_rate: float = 0.5, budget: Budget | None = None
-) -> PointReport:
+def query(path: Path, x: float, y: float, base_rate: float = 0.5) -> PointReport:
     """Report on the cell that holds the point (x, y) [m].
 
     Raises
@@ -64,7 +62,7 @@ def query(
     GridError
         If the file is no grid.
     """
-    with Grid(path, budget=budget) as grid, grid.snapshot():
+    with Grid(path) as grid, grid.snapshot():
         row, column = grid.lattice.cell_of(x, y)
         window = Window(row, row + 1, column, column + 1)
         names = [*views.VIEWS, "points"]
@@ -85,14 +83,13 @@ def query(
 def _witnesses(grid: Grid, window: Window) -> Iterator[Witness]:
     """Lay out again what touches the tile, and stamp its records into the one cell."""
     key = TileKey(window.row0 // TILE, window.column0 // TILE)
-    known = frozenset(grid.ledger.known_in(key))
     settings = grid.settings
-    for entry in grid.ledger.entries():
-        if entry.identity not in known:
+    for identity in grid.ledger.known_in(key):
+        entry = grid.ledger.entry_of(identity)
+        if entry is None:
             continue
         numbers = grid.ledger.numbers_in(key, entry)
-        version = grid.ledger.version(entry)
-        found = findings(version, entry.model, settings)
+        version, found, _ = replay(grid, entry, settings)
         for one in found.evidence:
             for number, value in _said(one, numbers, window, found.model.max_error, settings):
                 record = version.records[number]

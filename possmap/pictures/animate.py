@@ -15,6 +15,7 @@ from possmap.core.evidence import Findings, findings
 from possmap.core.memory import TileMemory
 from possmap.errors import OutputError, plural, printable, shown
 from possmap.exports.run import refuse_itself
+from possmap.grid.arrivals import with_news
 from possmap.grid.grid import Grid
 from possmap.grid.ledger import Entry
 from possmap.pictures import compose
@@ -101,12 +102,12 @@ def _steps(grid: Grid, by: By, most: int) -> Iterator[_Step]:
     """Yield the news of each frame, first what arrived first."""
     entries = {entry.name: entry for entry in grid.ledger.entries()}
     parts = []
-    for arrival in grid.ledger.arrivals():
-        part = arrival.part
-        entry = entries[arrival.robot, arrival.excursion]
-        carried = f", carried by {' '.join(part.carrier)}" if part.carrier else ""
-        caption = f"{entry.robot} {entry.excursion}{carried}"
-        parts.append((entry, part.first, part.first + part.count, caption))
+    for arrival, first in with_news(grid.ledger.came.all()):
+        if first is not None:
+            entry = entries[arrival.name]
+            carried = f", carried by {' '.join(arrival.carrier)}" if arrival.carrier else ""
+            caption = f"{entry.robot} {entry.excursion}{carried}"
+            parts.append((entry, first, arrival.records, caption))
     total = sum(end - first for _, first, end, _ in parts)
     stops = max(1, min(most, len(parts) if by == "excursion" else total))
     news: list[tuple[Entry, int]] = []

@@ -32,9 +32,9 @@ from possmap.core.evidence import Layer, findings
 from possmap.core.lattice import TILE, TileKey
 from possmap.core.records import KIND_OF, Corner, PartialMap, Pose, Record, Wall
 from possmap.core.settings import EvidenceSettings
+from possmap.grid.arrivals import Arrival
 from possmap.grid.encoding import EncodedTile, decode, digest_of, encode
 from possmap.grid.grid import Grid
-from possmap.grid.ledger import Part
 from possmap.grid.rows import excursion_rows
 from possmap.logs.delivery import Origin
 
@@ -138,7 +138,7 @@ def _column(grid: Grid, key: TileKey) -> Column:
     layers = {}
     for layer, array in grid.tiles.read(key).items():
         one = encode(layer, key, array)
-        cells = decode(layer, one.bounds, one.data).astype(f"<u{one.data[0]}")
+        cells = decode(one.bounds, one.data).astype(f"<u{one.data[0]}")
         layers[layer] = one, cells
     ledger = grid.ledger
     entries = [ledger.entry_of(identity) for identity in ledger.known_in(key)]
@@ -163,7 +163,7 @@ def write(path: Path, rows: int, columns: int) -> Path:
             geometry = findings(version, model, SETTINGS).geometry
             grid.ledger.add(excursion_rows(version, model, 0, geometry, sorted(touched)))
             origin = Origin(f"row-{row}.json", f"{row:064x}", 1000)
-            parts.append((version.name, Part(0, len(version.records), origin, None)))
+            parts.append(Arrival(version.name, len(version.records), origin))
         grid.ledger.came.add(parts, "2026-11-25T12:00:00+00:00", possmap.version())
     return path
 

@@ -17,12 +17,11 @@ from literal.teams import Log, random_team
 from teams import ROBUST, digest, flat_settings, fuse, write_logs
 
 import possmap
-from possmap.core.lattice import TileKey
 from possmap.errors import GridError
 from possmap.fusing.forget import ForgetSummary, Target, forget, recall
-from possmap.fusing.repair import repair
 from possmap.grid.grid import Grid
-from possmap.inspection.verify import verify
+from possmap.grid.selection import Selection
+from possmap.grid.verify import verify
 from possmap.settings.request import Request, in_force
 
 INDEPENDENCES = ("detection", "excursion")
@@ -193,31 +192,18 @@ def test_what_is_forgotten_does_not_come_in_again_with_the_same_logs(
         assert digest(grid) == gone == team.expected(expected)
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_tile_by_tile_and_laid_out_again_each_time_it_comes_to_the_same(
-    seed: int, independence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("possmap.fusing.withdraw._DENIALS_BYTES", 2**62)
-    monkeypatch.setattr("possmap.fusing.refuse.KEPT", 2**62)
-    monkeypatch.setattr("possmap.fusing.refuse.GATHERED", 2**62)
-    team = Team(300 + seed, independence, tmp_path)
-    target = Target(team.excursions[0][0])
-    grid = team.copy()
-    check(grid, forget(grid, target), team.expected(team.without(target)))
-
-
 KILLED = """
 import os, signal, sys
 from pathlib import Path
 from possmap.fusing.forget import Target, forget
 from possmap.grid.arrivals import Arrivals
 
-def kill(self):
+def kill(self, name, gone):
     self._database.execute("PRAGMA cache_size = 1")  # so that pages reach the file
     self._database.execute("UPDATE cells SET data = randomblob(100000)")
     os.kill(os.getpid(), signal.SIGKILL)
 
-Arrivals.drop_sources = kill
+Arrivals.drop = kill
 forget(Path(sys.argv[1]), Target(sys.argv[2]))
 """
 
@@ -232,26 +218,42 @@ def test_a_kill_in_the_middle_leaves_everything_as_it_was(tmp_path: Path) -> Non
     assert team.grid.read_bytes() == before
 
 
-def test_a_grid_whose_places_are_computed_otherwise_here_is_left_alone(tmp_path: Path) -> None:
+def test_what_cannot_be_subtracted_is_made_again_of_what_stays(tmp_path: Path) -> None:
+    """As on a machine whose maths library computes places otherwise in the last unit."""
     team = Team(1, "detection", tmp_path)
     with sqlite3.connect(team.grid) as connection:
         connection.execute("UPDATE record SET half_x = half_x * 1.0000001 WHERE half_x > 0")
     connection.close()
-    before = team.grid.read_bytes()
-    robot = team.excursions[0][0]
-    with pytest.raises(GridError, match="its places are not those of its records, as this mach"):
-        forget(team.grid, Target(robot))
-    assert team.grid.read_bytes() == before
-    repair(team.grid, tmp_path / "new.possmap")
-    summary = forget(tmp_path / "new.possmap", Target(robot))
-    check(tmp_path / "new.possmap", summary, team.expected(team.without(Target(robot))))
+    target = Target(team.excursions[0][0])
+    assert forget(team.grid, target).digest == team.expected(team.without(target))
 
 
-def test_a_tile_that_holds_less_than_what_goes_is_left_alone(tmp_path: Path) -> None:
+def test_a_record_that_nobody_can_read_can_be_forgotten(tmp_path: Path) -> None:
     team = Team(1, "detection", tmp_path)
-    with Grid(team.grid, write=True) as grid, grid.transaction():
-        grid.tiles.drop(TileKey(0, 0), list(grid.tiles.read(TileKey(0, 0))))
-    before = team.grid.read_bytes()
-    with pytest.raises(GridError, match="tile 0, 0: less than the ledger's records make"):
-        forget(team.grid, Target(team.excursions[0][0]))
+    robot = team.excursions[0][0]
+    with sqlite3.connect(team.grid) as connection:
+        connection.execute(
+            "UPDATE record SET kind = 'pole' WHERE excursion IN"
+            " (SELECT id FROM excursion WHERE robot = ?)",
+            (robot,),
+        )
+    connection.close()
+    summary = forget(team.grid, Target(robot))
+    check(team.grid, summary, team.expected(team.without(Target(robot))))
+
+
+def test_a_dry_run_says_what_would_go_and_changes_nothing(tmp_path: Path) -> None:
+    team = Team(1, "detection", tmp_path)
+    before, target = team.grid.read_bytes(), Target(team.excursions[0][0])
+    foreseen = forget(team.grid, target, dry_run=True)
     assert team.grid.read_bytes() == before
+    done = forget(team.grid, target)
+    assert (foreseen.digest, foreseen.excursions) == (done.digest, done.excursions)
+
+
+def test_a_selection_forgets_what_came_last(tmp_path: Path) -> None:
+    team = Team(1, "detection", tmp_path)
+    with Grid(team.grid) as grid:
+        last = Selection(last=1).entries(grid)[0].name
+    summary = forget(team.grid, Selection(last=1))
+    check(team.grid, summary, team.expected(team.without(Target(*last))))

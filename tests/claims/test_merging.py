@@ -26,7 +26,7 @@ from versions import (
 import possmap
 from possmap.errors import SettingsError
 from possmap.fusing.fuse import FuseSummary
-from possmap.grid.ledger import Arrival
+from possmap.grid.arrivals import Arrival
 
 
 def merged(logs: Sequence[Path], grid: Path, settings: dict[str, Any]) -> FuseSummary:
@@ -50,13 +50,13 @@ def test_a_grid_gives_what_its_logs_give_under_other_settings_too(
     assert digest(old) == before
     with possmap.open_grid(old) as one, possmap.open_grid(new) as other:
         records = [sum(entry.records for entry in grid.ledger.entries()) for grid in (one, other)]
-        known = [list(map(_without_time, grid.ledger.arrivals())) for grid in (one, other)]
+        known = [list(map(_without_time, grid.ledger.came.all())) for grid in (one, other)]
     assert records[0] == records[1] == summary.records_new
     assert known[0] == known[1]
 
 
 def _without_time(arrival: Arrival) -> tuple[object, ...]:
-    return (arrival.robot, arrival.excursion, arrival.part)
+    return (arrival.name, arrival.records, arrival.origin, arrival.carrier)
 
 
 def test_two_grids_merge_in_either_order(tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from versions import (
 )
 
 import possmap
+from possmap.grid.arrivals import with_news
 
 # --- Versions that agree ----------------------------------------------------------------------
 
@@ -77,8 +78,9 @@ def test_an_excursion_carried_home_by_many_counts_once(tmp_path: Path) -> None:
     assert digest(grid) == fused_digest(tmp_path, WHOLE, log_of("r2", 2), log_of("r3", 2))
     with possmap.open_grid(grid) as opened:
         parts = [
-            (arrival.part.first, arrival.part.count, arrival.part.carrier)
-            for arrival in opened.ledger.arrivals(("r1", "a"))
+            (first, came.records - first, came.carrier)
+            for came, first in with_news(opened.ledger.came.of(("r1", "a")))
+            if first is not None
         ]
     assert parts == [(0, 4, ("r2", "a")), (4, 1, ("r3", "a")), (5, 1, None)]
 
@@ -120,7 +122,7 @@ def test_a_conflict_with_the_grid_is_refused_and_changes_nothing(
     fuse(written(tmp_path, first=WHOLE), grid, SETTINGS)
     before = grid.read_bytes()
     with possmap.open_grid(grid) as opened:
-        fused_at = next(opened.ledger.arrivals()).fused_at
+        fused_at = next(opened.ledger.came.all()).fused_at
     summary = possmap.fuse(written(tmp_path, second=log), grid)
     assert outcomes(summary) == [("refused", 0, 0)]
     assert errors(summary, tmp_path) == [

@@ -64,7 +64,7 @@ def test_a_robot_is_forgotten_whoever_brought_it(site: Path) -> None:
 def test_what_a_forgotten_robot_carried_for_others_stays(site: Path) -> None:
     run("forget", site, "--robot", "r2")
     assert digest(site) == fused_digest(Path(), WHOLE, log_of("r3"))
-    lines = run("info", site).stdout.splitlines()
+    lines = run("info", site, "--excursions").stdout.splitlines()
     assert "    4 from r2.json, carried by r2 a" in lines
     assert at(lines[5]) == "forgotten   robot r2, AT: 4 records of 1 excursion"
 
@@ -85,6 +85,7 @@ def test_json_says_what_went(site: Path) -> None:
             "version": version(),
         },
         "once": False,
+        "dry_run": False,
         "excursions": [{"robot": "r3", "excursion": "a", "lost": 6, "kept": 0, "vanished": True}],
         "records": 6,
         "tiles": 1,
@@ -110,7 +111,7 @@ def test_a_file_takes_with_it_only_what_nobody_else_brought(site: Path) -> None:
 def test_what_a_later_file_proves_is_its_own_from_then_on(site: Path) -> None:
     run("forget", site, "--brought-by", "r2.json")
     assert digest(site) == fused_digest(Path(), WHOLE, log_of("r3"))
-    text = run("info", site).stdout
+    text = run("info", site, "--excursions").stdout
     assert "r2.json" not in text.replace("what r2.json brought", "")
     assert "  r3 a: 6 records\n    6 from r3.json\n" in text
 
@@ -119,10 +120,10 @@ def test_a_copy_that_brought_nothing_new_keeps_what_it_held(site: Path) -> None:
     written(Path(), copy={**log_of("r4", 1), "carried": [prefix(WHOLE, 5)]})
     fuse("copy.json")
     run("forget", site, "--brought-by", "r1.json")
-    text = run("info", site).stdout
+    text = run("info", site, "--excursions").stdout
     assert "  r1 a: 5 records\n    5 from copy.json, carried by r4 a\n" in text
     run("forget", site, "--brought-by", "copy.json")
-    assert "r1 a" not in run("info", site).stdout
+    assert "r1 a" not in run("info", site, "--excursions").stdout
 
 
 def test_fuse_leaves_out_what_is_forgotten_until_it_is_recalled(site: Path) -> None:
@@ -347,7 +348,10 @@ def test_a_message_names_no_more_than_a_few_of_many(site: Path) -> None:
                 "INSERT INTO forgotten VALUES (NULL, ?, NULL, NULL, NULL, 1, 1, 'once', '0')",
                 row[:1],
             )
-            database.execute("INSERT INTO source VALUES (NULL, 'x', ?, 1, 'once', '0')", row[1:])
+            database.execute(
+                "INSERT INTO source VALUES (NULL, 'x', ?, 1, '2026-01-01T00:00:00+00:00', '0')",
+                row[1:],
+            )
     forgotten = run("forget", site, "--robot", "r1", "--recall").stderr
     assert forgotten.endswith(", robot q18, robot q19 and 10 more\n")
     files = run("forget", site, "--brought-by", "x").stderr

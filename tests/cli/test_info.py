@@ -52,7 +52,7 @@ def team() -> list[Any]:
 
 def test_a_grid_is_told_line_by_line(tmp_path: Path) -> None:
     grid = fused(tmp_path, *team())
-    result = run("info", grid)
+    result = run("info", grid, "--excursions")
     assert (result.stderr, result.exit_code) == ("", 0)
     digest = json.loads(run("info", grid, "--json").stdout)["digest"]
     assert re.fullmatch("[0-9a-f]{64}", digest)
@@ -69,6 +69,15 @@ def test_a_grid_is_told_line_by_line(tmp_path: Path) -> None:
         f"    3 from {tmp_path / '0.json'}, carried by r1 a\n"
         f"    1 from {tmp_path / '1.json'}\n"
     )
+    short = run("info", grid).stdout.splitlines()
+    assert short[:5] == result.stdout.splitlines()[:5]
+    assert short[5:9] == [
+        "robots",
+        "  r1: 1 excursion, 4 records",
+        "  r2: 1 excursion, 4 records",
+        "weeks",
+    ]
+    assert re.fullmatch(r"  20\d\d-W\d\d: 2 excursions of 2 robots, 8 records", short[9])
 
 
 def test_json_tells_the_same(tmp_path: Path) -> None:
@@ -77,6 +86,9 @@ def test_json_tells_the_same(tmp_path: Path) -> None:
     found = json.loads(run("info", grid, "--json").stdout)
     excursions = found.pop("excursions")
     stored = found.pop("settings")
+    (week,) = found.pop("by_week").values()
+    assert week == {"excursions": 2, "records": 8, "beyond": 0, "robots": 2}
+    assert found.pop("by_robot")["r2"] == {"excursions": 1, "records": 4, "beyond": 0, "robots": 1}
     assert len(found.pop("digest")) == 64
     assert found.pop("extent") == pytest.approx([-20.1, -0.3, 1.1, 0.3])
     assert found == {
@@ -122,13 +134,13 @@ def test_json_tells_of_files_that_held_what_was_known(tmp_path: Path) -> None:
         ["r1", "a"],
         str(tmp_path / "1.json"),
     )
-    assert f"    4 from {tmp_path / '0.json'}\n" in run("info", grid).stdout
-    assert "    3 from" not in run("info", grid).stdout
+    text = run("info", grid, "--excursions").stdout
+    assert f"    4 from {tmp_path / '0.json'}\n" in text and "    3 from" not in text
 
 
 def test_an_empty_grid_holds_nothing(tmp_path: Path) -> None:
     grid = fused(tmp_path, {**bumps("r1", "a"), "records": []})
-    lines = run("info", grid).stdout.splitlines()
+    lines = run("info", grid, "--excursions").stdout.splitlines()
     assert lines[2] == "map         nothing, 0 tiles"
     assert lines[5] == "  r1 a: 0 records, its own along 0.0, across 0.0, turn_spread 0.0"
     found = json.loads(run("info", grid, "--json").stdout)
@@ -145,7 +157,7 @@ def test_what_differs_from_the_paper_is_told_as_yaml_spells_it(tmp_path: Path) -
 def test_one_of_a_thing_is_told_in_the_singular(tmp_path: Path) -> None:
     log = bumps("r1", "a", (1.01, 0.26))
     waiting = {**log, "records": log["records"][:1]}
-    text = run("info", fused(tmp_path, waiting)).stdout
+    text = run("info", fused(tmp_path, waiting), "--excursions").stdout
     assert "evidence    1 record of 1 excursion by 1 robot\n" in text
     assert "  r1 a: 1 record, its own " in text
     folder = tmp_path / "more"

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import sqlite3
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from forging import forge
 from literal.teams import random_team
 from teams import ROBUST, digest, fuse, write_logs
 
@@ -37,12 +37,6 @@ def site(sound: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return Path("site.possmap")
 
 
-def damage(grid: Path, sql: str) -> None:
-    connection = sqlite3.connect(grid)
-    connection.executescript(sql)
-    connection.close()
-
-
 def test_a_sound_grid_is_called_sound_with_its_digest(site: Path) -> None:
     result = run("verify", "site.possmap")
     assert (result.stderr, result.exit_code) == ("", 0)
@@ -56,7 +50,7 @@ FORGOTTEN = "'r9', NULL, NULL, NULL, 1, 1, '2026-11-25T19:19:55+00:00', '0.1.0'"
 
 DAMAGE = {
     "a byte of a tile": (
-        "UPDATE cells SET data = x'02' || substr(data, 2) WHERE tile = 1",
+        "UPDATE cells SET data = CAST(x'02' || substr(data, 2) AS BLOB) WHERE tile = 1",
         "tile -1, -1, walls: ",
     ),
     "a hash of a tile": (
@@ -89,48 +83,32 @@ DAMAGE = {
         "excursion a of robot r2: its tiles are not those that its records touch",
     ),
     "an arrival": (
-        "DELETE FROM part WHERE excursion = 1",
+        "DELETE FROM arrival WHERE excursion = 1",
         "excursion a of robot r2: nothing says what brought record 0",
     ),
-    "an arrival that is said twice": (
-        "INSERT INTO part (excursion, first, count, source)"
-        " SELECT excursion, first, count, source FROM part WHERE id = 1",
-        "excursion a of robot r2: more is said to have come than its records",
-    ),
     "half a carrier": (
-        "UPDATE part SET carrier_robot = 'r9' WHERE id = 1",
-        "excursion a of robot r2: damaged: the arrivals of excursion a of robot r2: ",
+        "UPDATE arrival SET carrier_robot = 'r9' WHERE id = 1",
+        f"excursion a of robot r2: source number 1, {DATA}/01-r2-a.json: not as possmap writes it",
     ),
     "a carrier without a sound name": (
-        "UPDATE part SET carrier_robot = 'r 9', carrier_excursion = 'a' WHERE id = 1",
-        f'excursion a of robot r2: source number 1, {DATA}/01-r2-a.json: carried by "r 9", '
-        "expected a name",
+        "UPDATE arrival SET carrier_robot = 'r 9', carrier_excursion = 'a' WHERE id = 1",
+        f"excursion a of robot r2: source number 1, {DATA}/01-r2-a.json: not as possmap writes it",
     ),
-    "a count below 0": (
-        "INSERT OR REPLACE INTO again VALUES (1, 2, -7, NULL, NULL)",
-        "excursion a of robot r2: damaged: the arrivals of excursion a of robot r2: found -7, ",
+    "a count that is a text": (
+        "UPDATE arrival SET records = 'many' WHERE id = 1",
+        "SQLite: non-INTEGER value in arrival.records",
     ),
     "a SHA-256": (
         "UPDATE source SET sha256 = 'zz' WHERE id = 1",
-        f'excursion a of robot r2: source number 1, {DATA}/01-r2-a.json: found "zz", '
-        "expected a SHA-256",
-    ),
-    "a size": (
-        "UPDATE source SET size = -1 WHERE id = 1",
-        "excursion a of robot r2: damaged: the arrivals of excursion a of robot r2: found -1, ",
+        f"excursion a of robot r2: source number 1, {DATA}/01-r2-a.json: not as possmap writes it",
     ),
     "a time": (
         "UPDATE source SET fused_at = 'garbage' WHERE id = 1",
-        f'excursion a of robot r2: source number 1, {DATA}/01-r2-a.json: found "garbage", '
-        "expected a time",
-    ),
-    "a time with something behind it": (
-        "UPDATE source SET fused_at = CAST(fused_at || x'00' AS TEXT) WHERE id = 1",
-        f"excursion a of robot r2: source number 1, {DATA}/01-r2-a.json: found ",
+        f"excursion a of robot r2: source number 1, {DATA}/01-r2-a.json: not as possmap writes it",
     ),
     "a file that brought nothing": (
-        "INSERT INTO source VALUES (500, 'n', 's', 1, 't', 'v')",
-        "source number 500, n: nothing came by it",
+        "INSERT INTO source SELECT 500, name, sha256, size, fused_at, version FROM source LIMIT 1",
+        "1 rows of table source belong to nothing",
     ),
     "keys of a log": (
         "UPDATE excursion SET extra = '{{{' WHERE id = 1",
@@ -149,10 +127,6 @@ DAMAGE = {
         "INSERT INTO setting VALUES ('limit_nesting', '40')",
         "setting limit_nesting: no grid keeps it",
     ),
-    "a setting of another type": (
-        "UPDATE setting SET value = '\"true\"' WHERE name = 'accept_models'",
-        'setting accept_models: found "true", which possmap never writes',
-    ),
     "a setting that is gone": (
         "DELETE FROM setting WHERE name = 'along'",
         "damaged: setting along is missing",
@@ -163,41 +137,24 @@ DAMAGE = {
     ),
     "an own model that is none": (
         "UPDATE excursion SET own_model = '[1]' WHERE id = 1",
-        "excursion a of robot r2: damaged: excursion a of robot r2: model, found [1], expected an",
+        "excursion a of robot r2: damaged: excursion a of robot r2: ",
     ),
     "a tile touched by nobody": (
         "INSERT INTO touched VALUES (5000, 5000, 777, 1)",
-        "tile 5000, 5000: touched by record 1 of excursion number 777, which is not there",
+        "a row of table touched belongs to a row of excursion that is not there",
     ),
     "a tile touched by a record beyond the last": (
         "INSERT INTO touched VALUES (0, 0, 1, 100000)",
-        "tile 0, 0: touched by record 100000 of excursion number 1, which is not there",
+        "1 rows of table touched belong to nothing",
     ),
     "a layer": (
         "INSERT INTO tile SELECT 999, 7, 9000, 0, 0, 1, 0, 1, hash FROM tile LIMIT 1;"
         "INSERT INTO cells VALUES (999, x'02')",
-        "row 999 of table tile: there is no layer 7",
-    ),
-    "something forgotten twice": (
-        f"INSERT INTO forgotten VALUES (8, {FORGOTTEN}), (9, {FORGOTTEN})",
-        "robot r9 was forgotten twice",
-    ),
-    "something forgotten that is less than nothing": (
-        f"INSERT INTO forgotten VALUES (8, {FORGOTTEN}); UPDATE forgotten SET records = -4",
-        "damaged: what was forgotten: found -4, expected at least 0",
-    ),
-    "a time at which something was forgotten": (
-        f"INSERT INTO forgotten VALUES (8, {FORGOTTEN}); UPDATE forgotten SET forgotten_at = 'x'",
-        'robot r9 was forgotten: found "x", expected a time',
+        "1 rows of table tile belong to nothing",
     ),
     "a robot without a name that was forgotten": (
         f"INSERT INTO forgotten VALUES (8, {FORGOTTEN}); UPDATE forgotten SET robot = ''",
-        'robot  was forgotten: found "", expected a name',
-    ),
-    "an excursion without a sound name that was forgotten": (
-        f"INSERT INTO forgotten VALUES (8, {FORGOTTEN});"
-        "UPDATE forgotten SET excursion = CAST('x' || x'00' AS TEXT)",
-        r'excursion x\x00 of robot r9 was forgotten: found "x\u0000", expected a name',
+        "robot  was forgotten: not as possmap writes it",
     ),
     "a view": ("CREATE VIEW spy AS SELECT 1", "the view spy is none of possmap's"),
     "a trigger": (
@@ -215,7 +172,7 @@ DAMAGE = {
 @pytest.mark.parametrize("kind", DAMAGE)
 def test_each_kind_of_damage_is_named(site: Path, kind: str) -> None:
     sql, fault = DAMAGE[kind]
-    damage(site, sql)
+    forge(site, sql)
     result = run("verify", "site.possmap", "--full")
     assert (result.stdout, result.exit_code) == ("", 1)
     faults = [line.removeprefix("possmap: site.possmap: ") for line in result.stderr.splitlines()]
@@ -224,14 +181,14 @@ def test_each_kind_of_damage_is_named(site: Path, kind: str) -> None:
 
 @pytest.mark.parametrize("kind", ["a byte of a tile", "a tile that is gone", "a place on the map"])
 def test_what_the_ledger_knows_is_brought_back(site: Path, sound: Path, kind: str) -> None:
-    damage(site, DAMAGE[kind][0])
+    forge(site, DAMAGE[kind][0])
     assert run("repair", "site.possmap", "-o", "new.possmap").exit_code == 0
     assert digest(Path("new.possmap")) == digest(sound)
     assert run("verify", "new.possmap", "--full").exit_code == 0
 
 
 def test_a_lost_excursion_is_named_and_the_others_are_saved(site: Path) -> None:
-    damage(site, DAMAGE["a record that was moved"][0])
+    forge(site, DAMAGE["a record that was moved"][0])
     result = run("repair", "site.possmap", "-o", "new.possmap", "--json")
     assert result.stderr.splitlines() == [
         "possmap: site.possmap: lost: excursion a of robot r3: its hash is not that of its records"
@@ -262,15 +219,10 @@ def test_an_existing_output_is_kept_and_a_grid_never_replaces_itself(site: Path)
 
 CURED = {
     "a setting of a call": 5,
-    "a setting of another type": 5,
     "a tile touched by nobody": 5,
     "a file that brought nothing": 5,
-    "something forgotten twice": 5,
-    "a time with something behind it": 3,
     "a layer": 5,
-    "an own model": 4,
     "a SHA-256": 3,  # of a file that brought two
-    "a size": 3,
     "half a carrier": 4,
     "keys of a record": 4,
 }
@@ -278,7 +230,7 @@ CURED = {
 
 @pytest.mark.parametrize("kind", CURED)
 def test_what_is_repaired_is_sound_and_what_is_in_doubt_is_left_out(site: Path, kind: str) -> None:
-    damage(site, DAMAGE[kind][0])
+    forge(site, DAMAGE[kind][0])
     result = run("repair", "site.possmap", "-o", "new.possmap", "--json")
     assert result.exit_code == int(CURED[kind] < 5)
     assert json.loads(result.stdout)["excursions"] == CURED[kind]
@@ -286,11 +238,11 @@ def test_what_is_repaired_is_sound_and_what_is_in_doubt_is_left_out(site: Path, 
 
 
 def test_a_setting_that_contradicts_the_ledger_is_kept_and_told(site: Path) -> None:
-    damage(site, DAMAGE["a setting that shapes evidence"][0])
+    forge(site, DAMAGE["a setting that shapes evidence"][0])
     result = run("repair", "site.possmap", "-o", "new.possmap", "--json")
     assert result.stderr.splitlines()[0] == (
-        "possmap: site.possmap: lost: excursion a of robot r2: in doubt: fused with along "
-        "0.010416666666666666, but the grid's setting is 0.02"
+        "possmap: site.possmap: lost: in doubt, and kept: excursion a of robot r2: fused with "
+        "along 0.010416666666666666, but the grid's setting is 0.02"
     )
     assert (json.loads(result.stdout)["excursions"], result.exit_code) == (5, 1)
 
@@ -310,7 +262,7 @@ def test_models_of_logs_and_of_changing_robots_are_sound(
         assert run("fuse", "log.json", "-g", "site.possmap", *settings).exit_code == 0
     result = run("verify", "site.possmap", "--full")
     assert (result.stderr, result.exit_code) == ("", 0)
-    damage(Path("site.possmap"), "UPDATE setting SET value = 'false' WHERE name = 'accept_models'")
+    forge(Path("site.possmap"), "UPDATE setting SET value = 'false' WHERE name = 'accept_models'")
     assert run("verify", "site.possmap").exit_code == int(accept == "true")
 
 
@@ -319,15 +271,6 @@ def test_a_grid_is_sound_after_something_was_forgotten(site: Path) -> None:
         assert run("forget", "site.possmap", *what).exit_code == 0
         result = run("verify", "site.possmap", "--full")
         assert (result.stderr, result.exit_code) == ("", 0)
-
-
-@pytest.mark.parametrize("number", [1, 2])
-def test_grids_of_every_format_are_sound_and_repaired(tmp_path: Path, number: int) -> None:
-    old = Path(__file__).parents[1] / "files" / "fixtures" / f"format-{number}.possmap"
-    new = tmp_path / "new.possmap"
-    assert run("verify", str(old), "--full").exit_code == 0
-    assert run("repair", str(old), "-o", str(new)).exit_code == 0
-    assert run("verify", str(new), "--full").exit_code == 0
 
 
 @pytest.mark.parametrize("end", ["-journal", "-wal", "-shm"])
@@ -351,7 +294,7 @@ def test_a_pipe_is_not_replaced_by_a_grid(site: Path) -> None:
 
 
 def test_a_long_name_is_shortened(site: Path) -> None:
-    damage(site, "UPDATE excursion SET robot = printf('%.*c', 100000, 'x') WHERE id = 1")
+    forge(site, "UPDATE excursion SET robot = printf('%.*c', 100000, 'x') WHERE id = 1")
     for command in (("verify", "site.possmap"), ("repair", "site.possmap", "-o", "new.possmap")):
         assert max(map(len, run(*command).stderr.splitlines())) < 400
 
@@ -360,7 +303,7 @@ def test_more_tiles_than_a_sample_are_fused_again_only_with_full(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("possmap.inspection.verify.SAMPLE", 2)
+    monkeypatch.setattr("possmap.grid.verify.SAMPLE", 2)
     assert run("fuse", str(DATA), "-g", "site.possmap").exit_code == 0
     some = json.loads(run("verify", "site.possmap", "--json").stdout)
     everything = json.loads(run("verify", "site.possmap", "--full", "--json").stdout)

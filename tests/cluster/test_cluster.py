@@ -160,7 +160,7 @@ def test_workers_read_urls_and_a_folder_at_one(troupe: Path, two: Machines, tmp_
     assert result.exit_code == 1
     assert digest(there) == digest(here)
     with possmap.open_grid(there) as grid:
-        assert next(iter(grid.ledger.arrivals())).part.origin.name == first
+        assert next(grid.ledger.came.all()).origin.name == first
 
 
 def test_a_damaged_tile_is_named_and_the_grid_stays(

@@ -88,7 +88,7 @@ def whole_logs(grid: Path, logs: Path) -> int:
         return 0
     with possmap.open_grid(grid) as opened:
         held = {entry.name: entry.records for entry in opened.ledger.entries()}
-        found = {arrival.part.origin.name for arrival in opened.ledger.arrivals()}
+        found = {arrival.origin.name for arrival in opened.ledger.came.all()}
     names = sorted(found)
     alone = grid.with_name("alone.possmap")
     fuse(names, alone, SMALL)

@@ -15,7 +15,7 @@ from crash.child import Ended, run
 
 from possmap.errors import PossmapError
 from possmap.grid.database import Database
-from possmap.inspection.verify import verify
+from possmap.grid.verify import verify
 
 
 class Broken(AssertionError):

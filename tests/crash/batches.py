@@ -86,7 +86,7 @@ def journal(grid: Path) -> Path:
 
 def sources(grid: Path) -> list[str]:
     """Return the logs that brought a grid something, in their order."""
-    sql = "SELECT name FROM part JOIN source ON source.id = part.source ORDER BY part.id"
+    sql = "SELECT name FROM arrival JOIN source ON source.id = source ORDER BY arrival.id"
     with closing(sqlite3.connect(grid)) as connection:
         return list(dict.fromkeys(name for (name,) in connection.execute(sql)))
 

@@ -15,7 +15,7 @@ from crash.child import Child, Ended, Phase, run
 from crash.shim import CHANGES, Action, Op, Strike
 from teams import digest
 
-from possmap.inspection.verify import verify
+from possmap.grid.verify import verify
 
 WORKERS_END_S = 15.0
 """How long processes of ``--jobs`` may outlive the one that started them."""

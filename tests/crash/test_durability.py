@@ -19,7 +19,8 @@ import possmap
 from possmap.errors import GridError
 from possmap.fusing.repair import repair
 from possmap.grid import database, opening
-from possmap.grid.database import Database, check_file, journal_of
+from possmap.grid.database import Database
+from possmap.grid.opening import check_file, journal_of
 
 PACKAGE = Path(possmap.__file__).parent
 
@@ -68,7 +69,7 @@ def test_every_commit_is_synced_with_its_journal_and_their_folder(
 def test_only_one_module_opens_grids() -> None:
     opening = re.compile(r"sqlite3\.connect\((?!\":memory:\")")
     modules = {path for path in PACKAGE.rglob("*.py") if opening.search(path.read_text())}
-    recordings = PACKAGE / "files/recordings"  # those are somebody else's
+    recordings = PACKAGE / "lab/recordings"  # those are somebody else's
     assert {path for path in modules if recordings not in path.parents} == {Path(database.__file__)}
 
 
@@ -146,7 +147,8 @@ def test_a_writer_whose_changes_do_not_fit_into_its_cache_goes_on_while_others_r
 ) -> None:
     grid = tmp_path / "site.possmap"
     possmap.fuse(logs, grid)
-    writer = Database(grid, write=True, cache_kib=8)
+    writer = Database(grid, write=True)
+    writer.execute("PRAGMA cache_size = -8")
     start = time.monotonic()
     with possmap.open_grid(grid) as reader, reader.snapshot():
         before = reader.digest()

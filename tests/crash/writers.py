@@ -19,7 +19,7 @@ from crash.batches import FINE, Batch, outings
 from crash.child import Child, run
 
 from possmap.grid import database
-from possmap.inspection.verify import verify
+from possmap.grid.verify import verify
 
 SOON_S = 60.0
 """How long a busy machine may take for what is soon."""

@@ -159,7 +159,9 @@ def test_a_grid_in_wal_mode_that_cannot_be_opened_says_so(
 
 def refuse(message: str) -> Callable[..., sqlite3.Connection]:
     def connect(*_: object, **__: object) -> sqlite3.Connection:
-        raise sqlite3.OperationalError(message)
+        error = sqlite3.OperationalError(message)
+        error.sqlite_errorcode = sqlite3.SQLITE_READONLY
+        raise error
 
     return connect
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import re
-import sqlite3
 import stat
 import time
 import tracemalloc
@@ -80,7 +78,7 @@ def test_a_tile_comes_back_as_it_was(one: tuple[Layer, LayerArray]) -> None:
     layer, array = one
     encoded = encode(layer, TileKey(-1, 2), array)
     whole = blank(layer)
-    cells = decode(layer, encoded.bounds, encoded.data)
+    cells = decode(encoded.bounds, encoded.data)
     whole[encoded.bounds.slices_in(Window(0, TILE, 0, TILE))] = cells
     assert cells.dtype == array.dtype
     assert np.array_equal(whole, array)
@@ -366,20 +364,3 @@ def test_an_output_appears_whole_and_as_readable_as_any_new_file(tmp_path: Path)
     with pytest.raises(OutputError, match="exists already"), replacing(path, overwrite=False):
         pytest.fail("nothing is to be written")
     assert sorted(tmp_path.iterdir()) == [ordinary, path]
-
-
-def test_a_grid_from_before_a_setting_came_reads_as_having_done_without(tmp_path: Path) -> None:
-    """And its digest is that of a new grid of the same logs."""
-    old, new = tmp_path / "old.possmap", tmp_path / "new.possmap"
-    possmap.fuse(DATA, old)
-    possmap.fuse(DATA, new)
-    with contextlib.closing(sqlite3.connect(old)) as connection:
-        connection.execute("DELETE FROM setting WHERE name = 'path_width'")
-        connection.commit()
-    with possmap.open_grid(old) as before, possmap.open_grid(new) as after:
-        assert before.settings == after.settings
-        assert before.digest() == after.digest()
-    other = tmp_path / "other.possmap"
-    possmap.fuse(DATA, other, {"path_width": 0.15})
-    with possmap.open_grid(other) as opened, possmap.open_grid(new) as after:
-        assert opened.digest() != after.digest()

@@ -107,11 +107,11 @@ def test_tables_that_analyze_leaves_are_let_in(sound: Path, tmp_path: Path) -> N
 def test_a_value_as_large_as_no_log_is_damage(
     sound: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("possmap.grid.database.LARGEST", 2**20)
+    monkeypatch.setattr("possmap.grid.database._LARGEST", 2**20)
     grid = tmp_path / "site.possmap"
     shutil.copy(sound, grid)
     connection = sqlite3.connect(grid)
-    connection.execute("UPDATE setting SET value = zeroblob(2000000) WHERE name = 'along'")
+    connection.execute("UPDATE setting SET value = hex(zeroblob(1000000)) WHERE name = 'along'")
     connection.commit()
     connection.close()
     result = run("info", str(grid))

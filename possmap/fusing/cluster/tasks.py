@@ -29,9 +29,8 @@ from possmap.fusing.stages import (
     TileResult,
     lay_out,
     read_logs,
-    unpacked,
 )
-from possmap.grid.encoding import EncodedTile, encode
+from possmap.grid.encoding import EncodedTile, encode, unpacked
 from possmap.grid.rows import ExcursionRows
 from possmap.release import version
 
