@@ -101,10 +101,6 @@ def _angles(ctx: click.Context, param: click.Parameter, value: Any) -> Any:
     help="Where a recording begins, in metres and degrees; once for each source.",
 )  # fmt: skip
 @click.option(
-    "--starts", "starts_file", type=options.EXISTING_FILE,
-    help="A YAML file of the same: name of the recording: [X, Y, DEG].",
-)  # fmt: skip
-@click.option(
     "--start-error", "errors", default="0,0,0", show_default=True, metavar="X,Y,DEG",
     callback=_pose, help="How wrong a start may be: half-widths.",
 )  # fmt: skip
@@ -196,7 +192,6 @@ def _request(
     robot: str | None,
     excursion: str | None,
     starts: tuple[tuple[float, float, float], ...],
-    starts_file: Path | None,
     errors: tuple[float, float, float],
     reference: Path | None,
     reference_mapping: str | None,
@@ -223,10 +218,8 @@ def _request(
 
     if mapping and topics:
         raise click.UsageError("--topic and --mapping say the same thing, expected one of them")
-    if reference is not None and (starts or starts_file is not None):
+    if reference is not None and starts:
         raise click.UsageError("--reference says where excursions begin, expected no --start")
-    if starts and starts_file is not None:
-        raise click.UsageError("--start and --starts say the same thing, expected one of them")
     for option, name in (("--robot", robot), ("--excursion", excursion)):
         if name is not None and not NAME.fullmatch(name):
             raise click.BadParameter(
@@ -265,7 +258,6 @@ def _request(
         robot=robot,
         excursion=excursion,
         starts=tuple((x, y, math.radians(heading)) for x, y, heading in starts),
-        starts_file=starts_file,
         errors=errors,
         reference=reference,
         reference_source=known,

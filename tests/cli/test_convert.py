@@ -154,8 +154,7 @@ def test_a_building_without_right_angles_is_warned_of(clone: Path) -> None:
 
 def test_several_recordings_become_several_logs(clone: Path) -> None:
     shutil.copy(LOG, "second.log")
-    Path("starts.yaml").write_text("hall.log: [1, 2, 90]\nsecond: [5, 5, 0]\n")
-    logs = converted(LOG, "second.log", "--starts", "starts.yaml")
+    logs = converted(LOG, "second.log", "--start", "1,2,90", "--start", "5,5,0")
     assert [log.name for log in logs] == [("hall", "1"), ("second", "1")]
     starts = [(poses(log)[0].x, poses(log)[0].y, poses(log)[0].heading_deg) for log in logs]
     assert starts[0][:2] == (1, 2) and starts[1][:2] == (5, 5)

@@ -244,12 +244,6 @@ ASKED: list[tuple[str, int, str]] = [
      "Invalid value for --start-error: expected half-widths >= 0"),
     ("good.log --start-error 1 -o out.jsonl", 2,
      "Invalid value for '--start-error': found '1', expected X,Y,DEGREES"),
-    ("good.log --start 0,0,0 --starts csv.yaml -o out.jsonl", 2,
-     "--start and --starts say the same thing, expected one of them"),
-    ("good.log --starts csv.yaml -o out.jsonl", 1,
-     'csv.yaml:1: format, found "csv", expected recording: [x, y, degrees]'),
-    ("good.log --starts none.yaml -o out.jsonl", 2,
-     "Invalid value for '--starts': File 'none.yaml' does not exist."),
     # The model
     ("good.log --set drift -o out.jsonl", 2,
      "Invalid value for --set: 'drift', expected KEY=VALUE"),
@@ -326,21 +320,6 @@ def test_a_missing_second_file_is_named(files: Path) -> None:
     put("t,x,y\n0,0,0\n", "a_pose.csv")
     assert refused("a_pose.csv --mapping two.yaml -o out.jsonl") == (
         "a_range.csv: is missing beside a_pose.csv"
-    )
-
-
-def test_a_start_for_each_recording_goes_by_its_name(files: Path) -> None:
-    put("t,x,y\n" + "".join(f"{t},{t},0\n" for t in range(9)), "a_pose.csv")
-    put("t,w\n" + "".join(f"{t},0\n" for t in range(9)), "a_range.csv")
-    put("a: [5, 6, 90]\n", "starts.yaml")
-    command = "a_pose.csv a_range.csv --mapping two.yaml --starts starts.yaml -o out.jsonl"
-    result = run(*command.split())
-    assert (result.exit_code, result.stderr) == (0, "")
-    first = json.loads(Path("out.jsonl").read_text().splitlines()[1])
-    assert (first["x"], first["y"], first["heading"]) == (5, 6, 90)
-    put("b: [5, 6, 90]\n", "starts.yaml")
-    assert refused(f"{command} --overwrite") == (
-        'starts.yaml: "a" is missing, expected recording: [x, y, degrees]'
     )
 
 

@@ -15,11 +15,10 @@ from possmap.lab.convert.legs import Piece, Reference, Start, legs
 from possmap.lab.convert.lines import FittedWall
 from possmap.lab.convert.log import JsonRecord, LogBuilder
 from possmap.lab.convert.odometry import Laying
-from possmap.lab.convert.orthogonal import Alignment, Bearing
+from possmap.lab.convert.orthogonal import Alignment, Bearing, Straightening
 from possmap.lab.convert.samples import Floats, Mount, Samples, blinded, joined
 from possmap.lab.convert.settings import ConvertSettings
-from possmap.lab.convert.straightening import Straightening
-from possmap.lab.convert.strays import Strays
+from possmap.lab.convert.simplify import Strays
 from possmap.lab.convert.tally import Tally
 
 BLOCK = 4096
@@ -81,14 +80,14 @@ def convert(
     mounts: Sequence[Mount],
     place: Place,
     settings: ConvertSettings,
-    sink: Sink,
+    sink: Sink | None,
     tally: Tally,
 ) -> Outcome:
     """Turn a stream of samples into logs.
 
     Known errors are taken out, the track is cut into legs and laid where they begin, the heading
     straightened by the building's axes if these are known; then block by block the track becomes
-    runs, and readings walls.
+    runs, and readings walls. Without a sink its bearings alone are of use.
     """
     outcome = Outcome()
     laying = Laying(settings.known)
@@ -114,7 +113,7 @@ class _Leg:
         mounts: Sequence[Mount],
         place: Place,
         settings: ConvertSettings,
-        sink: Sink,
+        sink: Sink | None,
         tally: Tally,
         outcome: Outcome,
     ) -> None:
@@ -133,7 +132,8 @@ class _Leg:
         self._end: tuple[float, float] | None = None
         self._way = 0.0
         outcome.legs += 1
-        sink.begin(number)
+        if sink is not None:
+            sink.begin(number)
 
     def take(self, piece: Piece) -> None:
         """Take in the next samples; convert them when there are enough."""
@@ -151,7 +151,8 @@ class _Leg:
         self._write(self._log.finish())
         self._outcome.way += self._way
         self._outcome.turned_deg += self._log.turned_deg
-        self._sink.end()
+        if self._sink is not None:
+            self._sink.end()
 
     def _convert(self, last: bool) -> None:
         samples, way = joined(self._held), np.concatenate(self._ways)
@@ -213,4 +214,5 @@ class _Leg:
             kind = record["kind"]
             self._outcome.kinds[kind] = self._outcome.kinds.get(kind, 0) + 1
             self._outcome.followed += bool(record.get("followed"))
-            self._sink.record(record)
+            if self._sink is not None:
+                self._sink.record(record)

@@ -116,11 +116,12 @@ class LogBuilder:
         if not self.poses:
             names = ("error_x", "error_y", "error_heading")
             pose |= {k: v for k, v in zip(names, self._errors, strict=True) if v}
-        pose["x_yaw"] = round(wrap_degrees(halt.yaw_deg), 2) + 0.0
         self.poses += 1
-        if self._heading is not None:
+        if self._heading is not None and pose["heading"] != self._heading:
+            pose["turned"] = True  # the way bends: no belief was set anew here
             self.turned_deg += abs(wrap_degrees(pose["heading"] - self._heading))
         self._heading = pose["heading"]
+        pose["x_yaw"] = round(wrap_degrees(halt.yaw_deg), 2) + 0.0
         yield self._numbered(pose)
 
     def _numbered(self, record: JsonRecord) -> JsonRecord:

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from possmap.core.model import PARAMETERS
-from possmap.errors import SettingsError, printable, shown
+from possmap.errors import SettingsError, shown
 from possmap.lab.convert.legs import Start
 from possmap.lab.convert.settings import ConvertSettings
 from possmap.lab.recordings import Recording, Source
 from possmap.settings.setting_table import ROBOT, parse_setting
 from possmap.settings.settings_yaml import read_settings
-from possmap.settings.yaml_nodes import members, numbers, read_yaml
 
 LONGEST_NAME = 64
 """Characters of a robot's or an excursion's name (docs/logs.md)."""
@@ -90,8 +88,6 @@ class Request:
         Names; without, the recording's own.
     starts
         Where each recording begins, in their order; none: where they have it themselves.
-    starts_file
-        A YAML file of the same, by the names of the recordings.
     errors
         Half-widths of where each leg begins, x, y [m] and heading [deg].
     reference, reference_source
@@ -104,7 +100,6 @@ class Request:
     robot: str | None = None
     excursion: str | None = None
     starts: tuple[Start, ...] = ()
-    starts_file: Path | None = None
     errors: tuple[float, float, float] = (0.0, 0.0, 0.0)
     reference: Path | None = None
     reference_source: Source = field(default_factory=Source)
@@ -137,27 +132,3 @@ def names_of(recordings: Sequence[Recording], request: Request) -> list[tuple[st
             excursion = f"{base}-{number}" if request.excursion or request.robot else str(number)
         found.append((robot, excursion))
     return found
-
-
-def starts_of(path: Path, recordings: Sequence[str]) -> tuple[Start, ...]:
-    """Read where recordings begin: ``name: [x, y, degrees]``, with or without a suffix.
-
-    Raises
-    ------
-    SettingsError
-        ``file:line: what is wrong``, or if a recording is missing.
-    """
-    name = printable(str(path))
-    expected = "expected recording: [x, y, degrees]"
-    root = read_yaml(path, "starts")
-    given: dict[str, Start] = {}
-    for key, node, _ in members(root, name, expected) if root is not None else ():
-        x, y, heading = numbers(node, name, key, expected, 3)
-        given[key] = x, y, math.radians(heading)
-    found = []
-    for recording in recordings:
-        keys = (recording, Path(recording).stem)
-        if not any(key in given for key in keys):
-            raise SettingsError(f"{name}: {shown(recording)} is missing, {expected}")
-        found.append(next(given[key] for key in keys if key in given))
-    return tuple(found)

@@ -18,13 +18,16 @@ from possmap.lab.convert.convert import Outcome, Place, convert
 from possmap.lab.convert.legs import Reference, Start
 from possmap.lab.convert.log import JsonRecord
 from possmap.lab.convert.orthogonal import Alignment, align
-from possmap.lab.convert.request import Request, names_of, starts_of
+from possmap.lab.convert.request import Request, names_of
 from possmap.lab.convert.samples import unwrapped
 from possmap.lab.convert.settings import ConvertSettings
 from possmap.lab.convert.tally import Tally
 from possmap.lab.recordings import Recording, open_recordings
 from possmap.lab.recordings.recording import left_out
+from possmap.logs.builder import ExcursionBuilder
+from possmap.logs.fields import Fault, record_of
 from possmap.logs.writing import LEG, LogWriter, check_name, is_folder, writing
+from possmap.settings.limits import Limits
 
 APPLIED = ("drift", "turn_gain", "scale")
 """Parameters that are taken out of the track here, and so are not written into the log."""
@@ -99,8 +102,6 @@ def _check_is_no_source(output: Path, paths: Sequence[Path]) -> None:
 def _starts(recordings: Sequence[Recording], request: Request) -> Sequence[Start | None]:
     """Return where each recording begins, in their order; None: where it has it itself."""
     starts = request.starts
-    if request.starts_file is not None:
-        starts = starts_of(request.starts_file, [recording.name for recording in recordings])
     if starts and len(starts) != len(recordings):
         found, several = len(starts), plural(len(recordings), "recording")
         raise SettingsError(f"--start: found {found} for {several}, expected one for each")
@@ -122,9 +123,8 @@ def _convert_one(
         with _told(progress, recording, "walls") as tell:
             # Once for the walls alone: their tally would count everything twice.
             seen = convert(
-                recording.samples(Tally(), tell), recording.mounts, place,
-                settings, _Nowhere(), Tally(),
-            )  # fmt: skip
+                recording.samples(Tally(), tell), recording.mounts, place, settings, None, Tally()
+            )
         start_spread = math.radians(place.errors[2]) / settings.known.factor
         alignment = align(seen.bearings, start_spread)
         if alignment is not None and not alignment.is_doubtful:
@@ -152,21 +152,8 @@ def _convert_one(
     return Converted(recording.name, name[0], len(recording.mounts), outcome, tally, alignment)
 
 
-class _Nowhere:
-    """Lets records go."""
-
-    def begin(self, leg: int) -> None:
-        """Nothing to do."""
-
-    def record(self, record: JsonRecord) -> None:
-        """Nothing to do."""
-
-    def end(self) -> None:
-        """Nothing to do."""
-
-
 class _Written:
-    """Writes a recording's legs as excursions."""
+    """Writes a recording's legs as excursions that the reader of logs would take."""
 
     def __init__(
         self,
@@ -181,7 +168,8 @@ class _Written:
         self._name = name
         self._model = dict(model)
         self._legs = settings.legs is not None
-        self.record = writer.record
+        self._nesting = Limits().limit_nesting
+        self._checked = ExcursionBuilder()
         self.end = writer.end
 
     def begin(self, leg: int) -> None:
@@ -193,7 +181,27 @@ class _Written:
         if self._model:
             head["model"] = self._model
         head["x_source"] = self._recording.name
+        self._checked = ExcursionBuilder()
         self._writer.begin(head)
+
+    def record(self, record: JsonRecord) -> None:
+        """Write a record, once the door through which logs come in has let it pass.
+
+        Raises
+        ------
+        RecordingError
+            If it does not: of a recording in other units, perhaps.
+        """
+        try:
+            self._checked.add(record_of(record, self._nesting))
+        except Fault as fault:
+            steps = ".".join(map(str, fault.path))
+            problem = (
+                f"would give a log that is refused: {record['kind']}, {steps}, {fault.problem}"
+            )
+            raise RecordingError(self._recording.name, problem) from None
+        del self._checked.records[:-1]  # the order of two is all that it looks at
+        self._writer.record(record)
 
 
 @contextmanager

@@ -15,6 +15,9 @@ SNAP = 0.2
 LARGEST_TURN = math.pi / 2
 """No two poses of one place are further turned than this, so that every turn is told [rad]."""
 
+_BIN_M = 1e-4
+_BINS = 100_000
+
 ROUNDING_M = 1e-4
 """What a log's four decimals may take away."""
 
@@ -45,6 +48,30 @@ class Outline:
         return off_segment(
             samples.x, samples.y, self.x[run], self.y[run], self.x[run + 1], self.y[run + 1]
         )
+
+
+class Strays:
+    """Counts distances in bins of 0.1 mm; the worst is kept exactly."""
+
+    def __init__(self) -> None:
+        self._counts = np.zeros(_BINS, dtype=np.int64)
+        self.worst = 0.0
+
+    def add(self, strays: Floats) -> None:
+        """Count distances [m]."""
+        if len(strays):
+            bins = np.minimum((strays / _BIN_M).astype(np.int64), _BINS - 1)
+            self._counts += np.bincount(bins, minlength=_BINS)
+            self.worst = max(self.worst, float(strays.max()))
+
+    @property
+    def median(self) -> float:
+        """The median [m], to a tenth of a millimetre; 0 without any."""
+        total = int(self._counts.sum())
+        if not total:
+            return 0.0
+        middle = int(np.searchsorted(np.cumsum(self._counts), (total + 1) // 2))
+        return (middle + 0.5) * _BIN_M if middle else 0.0
 
 
 def outline(
