@@ -85,14 +85,14 @@ def report(found: Sequence[Converted], output: Path, verbose: bool) -> None:
             if kind in records
         ]
         click.echo(
-            f"{name}: {plural(told['samples'], 'sample')}, {told['metres']:.1f} m, "
+            f"{name}: {plural(told['samples'], 'sample')}, {one.outcome.way:.1f} m, "
             f"{plural(one.beams, 'beam')} -> {plural(told['excursions'], 'excursion')} of "
             f"{printable(one.robot)}: {', '.join(kinds)}"
         )
         click.echo(
             f"  track      strays {strays['median'] * 1000:.0f} mm in the median, "
             f"{strays['worst'] * 1000:.0f} mm at worst; "
-            f"turns {told['turned_deg']:.0f} deg in all"
+            f"turns {one.outcome.turned_deg:.0f} deg in all"
         )
         for entry in told["counted"]:
             first = f" (first: {printable(entry['first'])})" if entry["first"] else ""

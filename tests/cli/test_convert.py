@@ -46,7 +46,6 @@ def poses(log: PartialMap) -> list[Pose]:
 
 
 LOG, TABLE = "data/recordings/hall.log", "data/recordings/hall.csv"
-MAPPED = ["--mapping", "data/recordings/hall.yaml"]
 TRUTH = [
     "--reference", "data/recordings/hall-truth.csv",
     "--reference-mapping", "data/recordings/hall-truth.yaml",
@@ -84,22 +83,6 @@ def test_known_errors_of_the_robot_bring_it_home(clone: Path) -> None:
     (raw,), (known,) = converted(LOG), converted(LOG, *KNOWN)
     assert off(raw) > 3 and off(known) < 0.8
     assert dict(known.model) == {}  # they were applied, and must not be again
-
-
-def test_other_parameters_go_into_the_log(clone: Path) -> None:
-    Path("model.yaml").write_text("drift: 1.5\nturn_spread: 0.3\nalong: 0.02\n")
-    (log,) = converted(LOG, "--model", "model.yaml", "--set", "turn_spread=0.2")
-    assert dict(log.model) == {"along": 0.02, "turn_spread": 0.2}
-    assert off(log) < off(converted(LOG)[0])
-
-
-def test_ticks_of_a_table_and_poses_of_a_laser_tell_one_drive(clone: Path) -> None:
-    (laser,) = converted(LOG)
-    (ticks,) = converted(TABLE, *MAPPED, "--start", "0.8,0.8,0")
-    one, other = poses(laser)[-1], poses(ticks)[-1]
-    assert math.hypot(one.x - other.x, one.y - other.y) < 0.15
-    result = run("convert", TABLE, *MAPPED, "-o", "out.json")
-    assert "tick counters that began anew, continued" in result.stdout
 
 
 def test_legs_begin_where_the_truth_has_them(clone: Path) -> None:
@@ -174,22 +157,6 @@ def test_a_folder_gets_a_file_for_each_excursion_and_fuses_as_one(clone: Path) -
         json.loads(run("info", grid, "--json").stdout) for grid in ("a.possmap", "b.possmap")
     )
     assert one["digest"] == other["digest"]
-
-
-def test_other_legs_of_the_same_outing_do_not_stay_behind_in_a_folder(clone: Path) -> None:
-    Path("legs").mkdir()
-    Path("legs/hall_2-leg-001.json").write_text("another outing")
-    for length, count in (("5", 14), ("20", 4)):
-        result = run("convert", LOG, "-o", "legs", "--legs", length, "--overwrite")
-        assert result.exit_code == 0
-        assert len(list(Path("legs").glob("hall_1-leg-*.json"))) == count
-    assert Path("legs/hall_2-leg-001.json").exists()
-
-
-def test_a_reference_and_a_start_are_too_much(clone: Path) -> None:
-    result = run("convert", LOG, "-o", "o.json", *TRUTH, "--start", "0,0,0")
-    assert result.exit_code == 2
-    assert "--reference says where excursions begin, expected no --start" in result.stderr
 
 
 def test_the_three_encodings_and_compressed_ones_hold_the_same_records(clone: Path) -> None:

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from possmap.lab.convert.corners import corners
-from possmap.lab.convert.hits import ECHOES, Hits, hits, without_echoes
+from possmap.lab.convert.hits import hits, without_echoes
 from possmap.lab.convert.lines import FittedWall, fitted, walls_of
 from possmap.lab.convert.samples import Floats, Ints, Mount, Samples, off_segment
 from possmap.lab.convert.settings import ConvertSettings
@@ -81,18 +81,6 @@ def test_a_door_splits_the_wall_and_both_pieces_end_at_its_jambs() -> None:
     assert first.stops
 
 
-def test_where_the_beam_reads_nothing_at_all_a_wall_only_gets_lost() -> None:
-    ranges = np.full(81, 0.7)
-    ranges[30:] = np.nan
-    (wall,), _ = walls_in(past(ranges), LEFT)
-    assert not wall.stops
-
-
-def test_walls_of_two_depths_are_two() -> None:
-    ranges = np.concatenate([np.full(30, 0.7), np.full(30, 1.1)])
-    assert [round(wall.start[1], 3) for wall in walls_in(past(ranges), LEFT)[0]] == [0.7, 1.1]
-
-
 def test_scattered_readings_are_no_wall() -> None:
     rng = np.random.default_rng(5)
     walls, loose = walls_in(past(rng.uniform(0.3, 1.9, 60)), LEFT)
@@ -143,47 +131,6 @@ def test_a_beam_mounted_off_the_middle_starts_where_its_sensor_is() -> None:
     (seen,) = hits(track, [Mount(math.pi / 2, 0.1, 0.05)], 2.0)
     assert seen.start[0] == pytest.approx((-0.05, 0.1))
     assert seen.end[0] == pytest.approx((-1.05, 0.1))
-
-
-def test_what_is_out_of_reach_is_no_hit_and_no_reading_is_nothing() -> None:
-    read = np.array([[1.9], [2.1], [np.inf], [np.nan]])
-    (seen,) = hits(samples([0] * 4, [0] * 4, [0] * 4, read), [Mount(0.0)], 2.0)
-    assert seen.index.tolist() == [0, 1, 2]
-    assert seen.seen.tolist() == [True, False, False]
-    assert seen.end[:, 0].tolist() == [1.9, 2.0, 2.0]
-
-
-def kept(seen: Hits, track: Samples, around: Samples | None = None, near: float = 0.25) -> int:
-    """Return how many readings are left when echoes are left out."""
-    t = track.t[seen.index]
-    return len(without_echoes(seen, t, around or track, near, 6.0, Tally()).index)
-
-
-def test_readings_on_the_robots_own_track_are_its_echo_before_and_after() -> None:
-    count = 100
-    read = np.full((count, 1), np.nan)
-    read[50, 0], read[60, 0], read[70, 0] = 1.0, 1.0, 1.9
-    track = samples(0.1 * np.arange(count), np.zeros(count), np.zeros(count), read)
-    later = samples(track.x, track.y, np.zeros(count), read, t=10 * track.t)
-    for mount in (Mount(math.pi), Mount(0.0)):  # behind and ahead
-        (seen,) = hits(track, [mount], 2.0)
-        tally = Tally()
-        assert not len(without_echoes(seen, track.t[seen.index], track, 0.25, 6.0, tally).index)
-        assert tally.of(ECHOES) == 3
-        assert kept(seen, later) == 3
-        assert kept(seen, track, near=0.0) == 3
-    (aside,) = hits(track, [Mount(math.pi / 2)], 2.0)
-    assert kept(aside, track) == 3
-
-
-def test_an_echo_of_the_track_beyond_the_block_is_heard() -> None:
-    read = np.full((20, 1), np.nan)
-    read[[0, -1], 0] = 1.0
-    whole = samples(0.1 * np.arange(60), np.zeros(60), np.zeros(60))
-    block = samples(0.1 * np.arange(20, 40), np.zeros(20), np.zeros(20), read, whole.t[20:40])
-    (behind, ahead) = (hits(block, [Mount(angle)], 2.0)[0] for angle in (math.pi, 0.0))
-    assert kept(behind, block) == 1 and kept(ahead, block) == 1
-    assert kept(behind, block, whole) == 0 and kept(ahead, block, whole) == 0
 
 
 @settings(deadline=None)

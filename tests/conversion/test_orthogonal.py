@@ -94,15 +94,6 @@ def test_a_heading_that_wanders_is_followed_more_closely_than_walls_are_straight
     assert np.std(true) > 3
 
 
-def test_the_error_is_none_where_the_leg_begins_and_linear_between_walls() -> None:
-    found = aligned(told([2, 4, 6], [0, 0, 0], 10) + told([3, 6], [4, 8], 10, leg=1))
-    assert found.error_at(0, 0) == 0 and found.error_at(1, 0) == 0
-    assert found.error_at(1, 4.5) == pytest.approx(
-        (found.error_at(1, 3) + found.error_at(1, 6)) / 2
-    )
-    assert found.error_at(7, 3) == 0  # a leg without walls is left as it is
-
-
 def test_the_buildings_axes_may_lie_askew() -> None:
     found = aligned(told([1, 2, 3, 4, 5], [0] * 5, 33))
     assert math.degrees(found.axis) % 90 == pytest.approx(33, abs=0.6)
@@ -116,10 +107,6 @@ def test_a_wall_askew_tells_nothing_and_is_reported() -> None:
     assert abs(found.walls[3].off) > GATE
     assert found.share == pytest.approx(5 / 6)
     assert max(abs(found.error_at(0, way)) for way in (1, 2, 3, 4, 5)) < 0.1 * DEG
-
-
-def test_short_walls_are_not_asked() -> None:
-    assert align([Bearing(0, 1, 0.1, 0.6)]) is None
 
 
 def test_the_spread_of_walls_is_measured() -> None:

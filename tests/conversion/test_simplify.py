@@ -62,20 +62,6 @@ def test_the_body_never_looks_farther_aside_than_the_tolerance(
     assert np.abs(told - track.yaw).max() <= math.radians(turn_deg) + 1e-9
 
 
-def test_a_straight_run_of_a_thousand_samples_is_two_poses() -> None:
-    jitter = np.random.default_rng(1).normal(0, 0.005, (2, 1000))
-    track = samples(np.linspace(0, 50, 1000) + jitter[0], jitter[1], np.zeros(1000))
-    assert len(outline(track, 0.05, math.radians(15)).index) == 2
-
-
-def test_a_run_of_six_centimetres_is_not_dropped() -> None:
-    x = [0, 1, 2, 3, 3, 3, 3]
-    y = [0, 0, 0, 0, 0.06, 0.06, 0.06]
-    found = outline(samples(x, y, [0, 0, 0, 0, 90, 90, 90]), 0.05, math.radians(15))
-    assert (found.x[-1], found.y[-1]) == (3, 0.06)
-    assert (3, 0) in zip(found.x, found.y, strict=True)
-
-
 def test_going_back_and_forth_on_one_line_is_not_lost() -> None:
     x = [*np.arange(0, 3, 0.1), *np.arange(3, 2, -0.1), *np.arange(2, 5.01, 0.1)]
     found = outline(samples(x, np.zeros(len(x)), np.zeros(len(x))), 0.05, WIDE)

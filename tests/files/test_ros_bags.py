@@ -19,7 +19,7 @@ from bags import BAG_LATER_S, FORMATS, START_S, Message, bag_ns, words_of, write
 from possmap.errors import RecordingError, SettingsError
 from possmap.lab.convert.samples import Mount, Samples, joined
 from possmap.lab.convert.tally import Tally
-from possmap.lab.recordings.mapping import Beam, Mapping, Readable, Scan, Table
+from possmap.lab.recordings.mapping import Mapping, Readable, Scan, Table
 from possmap.lab.recordings.rosbag.frames import UNKNOWN
 from possmap.lab.recordings.rosbag.recording import Clock, open_bag
 from possmap.lab.recordings.rosbag.topics import table_of
@@ -102,14 +102,6 @@ def test_compressed_bags_give_the_same_track(tmp_path: Path, form: str, compress
         np.testing.assert_array_equal(getattr(packed, name), getattr(plain, name))
 
 
-def test_a_recording_can_be_read_again_from_its_beginning(tmp_path: Path) -> None:
-    recording = open_bag(write_bag(tmp_path, "bag", drive("bag")), FOUR, None)
-    first = joined(recording.samples(Tally(), None))
-    again = joined(recording.samples(Tally(), None))
-    np.testing.assert_array_equal(first.x, again.x)
-    assert recording.name == "flight.bag"
-
-
 @pytest.mark.parametrize("form", FORMATS)
 def test_progress_adds_up_to_the_size(tmp_path: Path, form: str) -> None:
     recording = open_bag(write_bag(tmp_path, form, drive(form, 6000, False)), FOUR, None)
@@ -130,14 +122,6 @@ def test_a_bag_is_closed_when_its_samples_are_dropped(tmp_path: Path, form: str)
     assert len(os.listdir("/proc/self/fd")) > before  # noqa: PTH208
     del stream
     assert len(os.listdir("/proc/self/fd")) == before  # noqa: PTH208
-
-
-def test_pose_stamped_will_do_without_odometry(tmp_path: Path) -> None:
-    words = words_of("mcap")
-    poses = [("/pose", bag_ns(t), words.stamped(t, t, 2 * t, 3.0)) for t in (0.0, 0.5, 1.0)]
-    samples, _ = read(write_bag(tmp_path, "mcap", poses))
-    assert samples.x.tolist() == [0.0, 0.5, 1.0]
-    assert samples.yaw == pytest.approx([3.0, 3.0, 3.0])
 
 
 def test_odometry_is_preferred_to_pose_stamped(tmp_path: Path) -> None:
@@ -170,12 +154,6 @@ def test_without_a_place_the_topics_are_listed_with_their_types(tmp_path: Path) 
     assert "--topic TOPIC:x=FIELD,y=FIELD" in problem
 
 
-def test_ranges_alone_are_refused(tmp_path: Path) -> None:
-    path = write_bag(tmp_path, "bag", drive("bag"))
-    assert "no table with the robot's place" in refusal(path, topics_of("/scan"))
-    assert "/odom (nav_msgs/Odometry)" in refusal(path, topics_of("/scan"))
-
-
 def test_a_missing_topic_is_refused_with_those_there_are(tmp_path: Path) -> None:
     path = write_bag(tmp_path, "mcap", drive("mcap"))
     problem = refusal(path, topics_of("/odmo"))
@@ -189,10 +167,6 @@ def test_an_empty_topic_is_refused_when_named_and_passed_over_else(tmp_path: Pat
     path = write_bag(tmp_path, "mcap", drive("mcap"), topics=empty)
     assert len(read(path)[0])
     assert "has no messages" in refusal(path, topics_of("/odom_old"))
-
-
-def test_a_bag_without_topics_is_refused(tmp_path: Path) -> None:
-    assert "the bag has no topics" in refusal(write_bag(tmp_path, "bag", []))
 
 
 @pytest.mark.parametrize("form", FORMATS)
@@ -295,13 +269,6 @@ def test_several_need_their_angles(tmp_path: Path) -> None:
     assert (set(ranges_of(samples, 0)), set(ranges_of(samples, 1))) == ({1.5}, {0.5})
 
 
-def test_an_angle_is_for_topics_of_ranges_only(tmp_path: Path) -> None:
-    path = write_bag(tmp_path, "bag", drive("bag"))
-    problem = refusal(path, topics_of("/odom:angle=90", "/scan"))
-    assert "found nav_msgs/Odometry with a mount" in problem
-    assert "expected sensor_msgs/LaserScan or sensor_msgs/Range" in problem
-
-
 @pytest.mark.parametrize("form", FORMATS)
 def test_fields_of_a_type_that_only_the_bag_knows(tmp_path: Path, form: str) -> None:
     words = words_of(form)
@@ -316,14 +283,6 @@ def test_fields_of_a_type_that_only_the_bag_knows(tmp_path: Path, form: str) -> 
     assert samples.yaw == pytest.approx([0.5] * 5)
     assert samples.ranges.tolist() == [[3.0]] * 5
     assert samples.t == pytest.approx(START_S + 0.1 * np.arange(5))
-
-
-def test_a_beam_that_is_not_wanted_is_left_out(tmp_path: Path) -> None:
-    words = words_of("bag")
-    path = write_bag(tmp_path, "bag", [("/s", bag_ns(0), words.raw(0, 1, 2, 3))])
-    mapping = topics_of("/s:x=raw[0],y=raw[1],range@45=raw[2],range@90=raw[2]")
-    (mount,) = open_bag(path, FOUR, mapping).mounts
-    assert mount.angle == pytest.approx(math.pi / 2)
 
 
 @pytest.mark.parametrize(
@@ -345,14 +304,6 @@ def test_a_field_that_does_not_exist_is_refused(tmp_path: Path, fields: str, tol
     problem = refusal(path, topics_of(f"/state:{fields}"))
     assert "topic /state" in problem
     assert told in problem
-
-
-def test_a_topic_of_an_unknown_type_needs_fields(tmp_path: Path) -> None:
-    words = words_of("mcap")
-    path = write_bag(tmp_path, "mcap", still("mcap", [("/s", bag_ns(0), words.raw(0, 1))]))
-    problem = refusal(path, topics_of("/odom", "/s"))
-    assert "robots/Raw is no type that is understood by itself" in problem
-    assert "it has the fields header, raw, fixed, from" in problem
 
 
 def test_lists_that_become_shorter_are_skipped_and_counted(tmp_path: Path) -> None:
@@ -378,21 +329,6 @@ def test_named_times_are_read_by_their_unit(tmp_path: Path) -> None:
     assert read(path, stamp)[0].t == pytest.approx(START_S + np.arange(3))
 
 
-def test_a_mapping_may_name_beams_with_mounts(tmp_path: Path) -> None:
-    words = words_of("db3")
-    path = write_bag(tmp_path, "db3", [("/s", bag_ns(0), words.raw(0, 1, 2, 3))])
-    base = table_of("/s:x=raw[0],y=raw[1],range@0=raw[2]")
-    mount = Mount(0.0, 0.2)
-    mapping = Mapping("ros", (Table("/s", base.columns, (Beam("raw[2]", mount),)),))
-    assert open_bag(path, FOUR, mapping).mounts == (mount,)
-
-
-def test_the_bags_clock_may_be_chosen(tmp_path: Path) -> None:
-    path = write_bag(tmp_path, "mcap", drive("mcap"))
-    assert read(path)[0].t[0] == pytest.approx(START_S)
-    assert read(path, clock="bag")[0].t[0] == pytest.approx(START_S + BAG_LATER_S)
-
-
 @pytest.mark.parametrize("form", FORMATS)
 def test_where_nobody_stamps_the_bags_clock_is_taken(tmp_path: Path, form: str) -> None:
     words = words_of(form)
@@ -400,24 +336,6 @@ def test_where_nobody_stamps_the_bags_clock_is_taken(tmp_path: Path, form: str) 
     samples, tally = read(write_bag(tmp_path, form, told))
     assert samples.t == pytest.approx(START_S + BAG_LATER_S + np.arange(12))
     assert tally.of("messages stamped 0, the bag's own time taken") == 12
-
-
-def test_stamps_that_run_backwards_are_skipped_and_counted(tmp_path: Path) -> None:
-    words = words_of("bag")
-    times = [0.0, 1.0, 0.5, 2.0]
-    told = [("/odom", bag_ns(n), words.odometry(t, t)) for n, t in enumerate(times)]
-    samples, tally = read(write_bag(tmp_path, "bag", told))
-    assert samples.x.tolist() == [0.0, 1.0, 2.0]
-    assert tally.of("rows whose clock ran backwards, skipped") == 1
-
-
-def test_a_clock_set_back_for_good_is_refused(tmp_path: Path) -> None:
-    words = words_of("bag")
-    told = [("/odom", bag_ns(n), words.odometry(n if n < 50 else n - 900, n)) for n in range(300)]
-    path = write_bag(tmp_path, "bag", told)
-    with pytest.raises(RecordingError, match="the clock") as caught:
-        read(path)
-    assert f"{path} /odom:150" in str(caught.value)
 
 
 @pytest.mark.parametrize("form", ["bag", "mcap", "db3"])
@@ -465,14 +383,6 @@ def test_what_cannot_be_opened_is_refused(tmp_path: Path) -> None:
     assert "cannot be read as a bag" in refusal(tmp_path)
 
 
-def test_a_database_of_something_else_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "a.db3"
-    base = sqlite3.connect(path)
-    base.execute("CREATE TABLE photos(id INTEGER)")
-    base.close()
-    assert "missing tables" in refusal(path)
-
-
 @pytest.mark.parametrize(
     ("change", "told"),
     [
@@ -512,21 +422,6 @@ def test_an_index_that_leads_to_another_topic_is_refused(tmp_path: Path) -> None
                 told.append(str(error))
             at = data.find(field, at + 1)
     assert any("the index leads to topic" in one for one in told), told
-
-
-def test_metadata_that_say_something_else_are_refused(tmp_path: Path) -> None:
-    path = write_bag(tmp_path, "folder", drive("folder", scans=False))
-    told = path / "metadata.yaml"
-    text = told.read_text()
-    at = text.index("message_count: ", text.index("topics_with_message_count"))
-    told.write_text(text[:at] + text[at:].replace("message_count: ", "message_count: x", 1))
-    assert '"/odom" of type "nav_msgs/msg/Odometry" with "x30" messages' in refusal(path)
-
-
-def test_unknown_compression_is_refused(tmp_path: Path) -> None:
-    path = write_bag(tmp_path, "bag", drive("bag"), "lz4")
-    path.write_bytes(path.read_bytes().replace(b"compression=lz4", b"compression=xz9"))
-    assert "Compression 'xz9' is not supported" in refusal(path)
 
 
 def test_a_chunk_that_does_not_decompress_is_refused(tmp_path: Path) -> None:
@@ -639,10 +534,6 @@ def test_messages_are_not_kept(tmp_path: Path, form: str, count: int, most: floa
     assert peak < most
 
 
-def test_a_topic_alone() -> None:
-    assert table_of("/odom") == Table("/odom")
-
-
 def test_roles_beams_and_angles() -> None:
     table = table_of("/s:x=raw[0],y=pose.y, qw=q[3].w ,range@-90=raw[2],range@0.5=range")
     assert table.source == "/s"
@@ -720,9 +611,3 @@ def test_a_bag_says_what_its_csv_says(name: str, metres: float) -> None:
     way = np.hypot(np.diff(samples.x), np.diff(samples.y)).sum()
     assert way == pytest.approx(metres, rel=0.02)
     assert set(tally.counts) <= {INVALID, "rows of ranges too far in time from a pose, dropped"}
-
-
-@real
-def test_without_topics_those_of_the_bag_are_listed() -> None:
-    problem = refusal(REAL / "rice.bag")
-    assert "/crazyflie2/state_xyzv (infrastructure/RawData)" in problem

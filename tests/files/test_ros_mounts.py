@@ -12,9 +12,9 @@ from bags import FORMATS, Message, Transform, bag_ns, words_of, write_bag
 from possmap.errors import RecordingError, SettingsError
 from possmap.lab.convert.samples import Mount, joined
 from possmap.lab.convert.tally import Tally
-from possmap.lab.recordings.mapping import Mapping, Table
+from possmap.lab.recordings.mapping import Mapping
 from possmap.lab.recordings.mapping_file import read_mapping
-from possmap.lab.recordings.rosbag.frames import FAR, OTHER_BODY, TILTED, UNKNOWN, UNREADABLE
+from possmap.lab.recordings.rosbag.frames import OTHER_BODY, TILTED, UNKNOWN, UNREADABLE
 from possmap.lab.recordings.rosbag.recording import open_bag
 from possmap.lab.recordings.rosbag.topics import table_of
 
@@ -117,13 +117,6 @@ def test_without_transforms_the_middle_is_assumed_and_said(tmp_path: Path, form:
     assert not tally.counts
 
 
-def test_what_is_said_is_said_again_when_a_recording_is_read_again(tmp_path: Path) -> None:
-    recording = open_bag(write_bag(tmp_path, "bag", flight("bag")), SIDES, None)
-    for tally in (Tally(), Tally()):
-        joined(recording.samples(tally, None))
-        assert tally.of(UNKNOWN) == 1
-
-
 @pytest.mark.parametrize("transforms", [None, [("base_link", "laser", (0.0, 0.0, 0.0), OVER)]])
 def test_the_option_has_the_last_word(tmp_path: Path, transforms: list[Transform] | None) -> None:
     path = write_bag(tmp_path, "mcap", flight("mcap", transforms))
@@ -177,21 +170,6 @@ def test_a_laser_tilted_out_of_the_plane_is_said(
     assert tally.counts[TILTED].first == f"{path} /scan"
 
 
-def test_a_laser_tilted_a_little_is_used(tmp_path: Path) -> None:
-    turn = (math.sin(math.radians(4)), 0.0, 0.0, math.cos(math.radians(4)))
-    told = flight("bag", [("base_link", "laser", (0.25, 0, 0), turn)])
-    found, tally = ends_of(write_bag(tmp_path, "bag", told))
-    check(found, [(0.25, -1.09), (1.43, 0.0), (0.25, 1.27)])
-    assert not tally.counts
-
-
-def test_a_laser_far_from_the_robot_is_said(tmp_path: Path) -> None:
-    told = flight("bag", [("base_link", "laser", (11.0, 0, 0), STRAIGHT)])
-    found, tally = ends_of(write_bag(tmp_path, "bag", told))
-    check(found, FORWARD)
-    assert tally.of(FAR) == 1
-
-
 @pytest.mark.parametrize(
     ("parent", "body", "notes"),
     [
@@ -218,16 +196,6 @@ def test_a_sensor_in_the_bodys_frame_needs_no_transform(tmp_path: Path, body: st
     told = flight("bag", None, body, "/base_link")
     found, tally = ends_of(write_bag(tmp_path, "bag", told))
     check(found, FORWARD)
-    assert not tally.counts
-
-
-def test_poses_alone_are_of_a_usual_body(tmp_path: Path) -> None:
-    words = words_of("bag")
-    told: list[Message] = [("/pose", bag_ns(t), words.stamped(t, 0.0)) for t in (0.0, 1.0, 2.0)]
-    hung = flight("bag", [("base_link", "laser", (0.25, 0, 0), STRAIGHT)])
-    told += [one for one in hung if one[0] != "/odom"]
-    found, tally = ends_of(write_bag(tmp_path, "bag", sorted(told, key=lambda one: one[1])))
-    check(found, [(0.25, -1.09), (1.43, 0.0), (0.25, 1.27)])
     assert not tally.counts
 
 
@@ -260,34 +228,6 @@ def test_transforms_that_are_none_are_counted(tmp_path: Path, form: str) -> None
     check(found, FORWARD)
     assert tally.of(UNREADABLE) == 5
     assert tally.of(UNKNOWN) == 1
-
-
-def test_a_transform_that_is_none_does_not_harm_its_neighbours(tmp_path: Path) -> None:
-    words = words_of("bag")
-    both = words.transforms(
-        ("base_link", "other", (math.inf, 0, 0), STRAIGHT),
-        ("base_link", "laser", (0.25, 0, 0), STRAIGHT),
-    )
-    path = write_bag(tmp_path, "bag", [(TF, bag_ns(0.0), both), *flight("bag")])
-    found, tally = ends_of(path)
-    check(found, [(0.25, -1.09), (1.43, 0.0), (0.25, 1.27)])
-    assert tally.of(UNREADABLE) == 1
-
-
-def test_the_first_thousand_messages_count(tmp_path: Path) -> None:
-    words = words_of("mcap")
-    empty = words.transforms()
-    hung = words.transforms(("base_link", "laser", (0.25, 0, 0), STRAIGHT))
-    told = flight("mcap")
-    many: list[Message] = [(TF, bag_ns(0.0), empty)] * 999
-    found, _ = ends_of(write_bag(tmp_path, "mcap", [*many, (TF, bag_ns(0.0), hung), *told]))
-    assert found[0] == pytest.approx((0.25, -1.09), abs=1e-6)
-    (tmp_path / "more").mkdir()
-    many.append(many[0])
-    found, _ = ends_of(
-        write_bag(tmp_path / "more", "mcap", [*many, (TF, bag_ns(0.0), hung), *told])
-    )
-    check(found, FORWARD)
 
 
 def finders(form: str, *topics: str) -> list[Message]:
@@ -328,15 +268,6 @@ def test_several_range_finders_of_which_one_is_unknown_are_refused(tmp_path: Pat
     assert front == Mount(0.0, 0.3)
 
 
-def test_one_range_finder_without_an_angle_is_said(tmp_path: Path) -> None:
-    path = write_bag(tmp_path, "mcap", finders("mcap", "/sonar"))
-    tally = Tally()
-    recording = open_bag(path, SIDES, None)
-    joined(recording.samples(tally, None))
-    assert recording.mounts == (Mount(0.0),)
-    assert tally.counts[UNKNOWN].first == f"{path} /sonar"
-
-
 def test_another_sensor_on_the_same_topic_is_left_out(tmp_path: Path) -> None:
     words = words_of("bag")
     told = flight("bag", [("base_link", "laser", (0.25, 0, 0), STRAIGHT)])
@@ -345,10 +276,3 @@ def test_another_sensor_on_the_same_topic_is_left_out(tmp_path: Path) -> None:
     found, tally = ends_of(write_bag(tmp_path, "bag", told))
     check(found, [(0.25, -1.09), (1.43, 0.0), (0.25, 1.27)])
     assert tally.of("scans of another layout or frame than the first, skipped") == 1
-
-
-def test_a_mount_of_fields_that_are_named_is_refused(tmp_path: Path) -> None:
-    path = write_bag(tmp_path, "bag", flight("bag"))
-    tables = (Table("/odom"), Table("/scan", {"yaw": "angle_min"}, mount=Mount(0.0)))
-    with pytest.raises(RecordingError, match="with a mount"):
-        open_bag(path, SIDES, Mapping("ros", tables))

@@ -32,10 +32,6 @@ def test_the_metadata_of_the_recording_itself_count(tmp_path: Path) -> None:
     assert told is not None and told.ticks.track == 0.2
 
 
-def test_without_metadata_there_is_no_geometry(tmp_path: Path) -> None:
-    assert geometry_beside(tmp_path / "1_run-01.csv") is None
-
-
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from possmap.errors import RecordingError
 from possmap.lab.convert.samples import Samples, joined
 from possmap.lab.convert.tally import Tally
 from possmap.lab.recordings import Source, carmen, open_recordings
@@ -20,7 +18,6 @@ from possmap.lab.recordings.recording import Recording
 REAL = Path(__file__).parents[2].parent / "shared" / "realdata"
 CUT = "lines cut short or without numbers, skipped"
 OTHER = "laser lines of another layout than the others, skipped"
-BACKWARDS = "rows whose clock ran backwards, skipped"
 NO_POSE = "rows with NaN or infinity for a pose, skipped"
 NOTHING = "readings that mean nothing, dropped"
 FOUR = (-90, 0, 90, 180)
@@ -129,15 +126,6 @@ def test_a_rear_laser_looks_back(tmp_path: Path) -> None:
     assert samples.ranges[0].tolist() == [1.18, 1.0, 1.09]
 
 
-def test_two_lasers_of_one_moment_make_one_sample(tmp_path: Path) -> None:
-    lines = [flaser(t, numbered(181), kind=kind) for t in range(3) for kind in ("FLASER", "RLASER")]
-    samples, tally = read(log(tmp_path, *lines))
-    assert samples.t.tolist() == [0, 1, 2]
-    assert not np.isnan(samples.ranges).any()
-    assert samples.ranges[0].tolist() == [1.0, 1.09, 1.18, 1.09]
-    assert tally.counts == {}
-
-
 def test_two_lasers_of_different_moments_make_a_sample_each(tmp_path: Path) -> None:
     path = log(
         tmp_path,
@@ -162,13 +150,6 @@ def test_a_robotlaser_says_its_own_angles(tmp_path: Path) -> None:
     assert samples.ranges[0].tolist() == [1.001, 1.002, 1.003, 1.0]
     assert samples.x.tolist() == [0, 1]
     assert samples.yaw.tolist() == [2, 2]
-
-
-def test_a_robotlaser_without_a_step_spreads_over_its_field(tmp_path: Path) -> None:
-    line = robotlaser(0, numbered(181)).split(" ")
-    line[4] = "0"
-    path = log(tmp_path, " ".join(line), " ".join(line))
-    assert angles(opened(path)) == pytest.approx([-90, 0, 90])
 
 
 def test_remissions_are_passed_over(tmp_path: Path) -> None:
@@ -205,14 +186,6 @@ def test_odometry_beside_laser_lines_is_counted_and_not_used(tmp_path: Path) -> 
     assert tally.of("ODOM lines, not needed beside laser lines that have poses") == 1
 
 
-def test_other_lines_are_passed_over(tmp_path: Path) -> None:
-    lines = ["# a comment", "PARAM robot_length 1", "", "TRUEPOS 1 2 3", "FLASERX 1 2"]
-    path = log(tmp_path, *lines, *(flaser(t, [1] * 181) for t in range(2)))
-    samples, tally = read(path)
-    assert len(samples) == 2
-    assert tally.counts == {}
-
-
 def test_a_laser_ahead_of_the_wheels_is_where_it_is(tmp_path: Path) -> None:
     half = math.pi / 2
     robot = (3, 4, half)
@@ -220,13 +193,6 @@ def test_a_laser_ahead_of_the_wheels_is_where_it_is(tmp_path: Path) -> None:
     mounts = opened(log(tmp_path, *lines)).mounts
     for mount in mounts:
         assert (mount.x, mount.y) == pytest.approx((0.2, 0.1))
-
-
-def test_one_odd_line_does_not_move_the_laser(tmp_path: Path) -> None:
-    lines = [flaser(t, [1] * 181, (t, 0, 0), (t + 0.2, 0, 0)) for t in range(12)]
-    lines[0] = flaser(0, [1] * 181, (0, 0, 0), (0.6, 0.4, 0))
-    for mount in opened(log(tmp_path, *lines)).mounts:
-        assert (mount.x, mount.y) == pytest.approx((0.2, 0.0))
 
 
 def test_a_corrected_laser_pose_is_no_mount(tmp_path: Path) -> None:
@@ -257,16 +223,6 @@ def test_the_laser_pose_may_be_believed_instead(tmp_path: Path, kind: str) -> No
     assert looks == pytest.approx(np.mod([yaw for *_, yaw in lasers], 2 * math.pi))
 
 
-def test_a_beam_that_the_scan_does_not_have_is_left_out(tmp_path: Path) -> None:
-    path = log(tmp_path, *(flaser(t, [1] * 181) for t in range(2)))
-    assert angles(opened(path, (180, 45.2))) == pytest.approx([45])
-
-
-def test_no_beam_at_all_leaves_the_track(tmp_path: Path) -> None:
-    samples, _ = read(log(tmp_path, *(flaser(t, [1] * 181, (t, 0, 0)) for t in range(3))), ())
-    assert samples.x.tolist() == [0, 1, 2]
-
-
 # --- Readings that are none --------------------------------------------------------------------
 
 
@@ -290,12 +246,6 @@ def test_zero_negative_and_nan_readings_are_none(tmp_path: Path) -> None:
     assert tally.of(NOTHING) == 4  # one that is NaN says itself that it is none
 
 
-def test_an_infinite_reading_means_nothing_in_sight(tmp_path: Path) -> None:
-    path = log(tmp_path, *(flaser(t, [math.inf] * 3) for t in range(2)))
-    samples, _ = read(path)
-    assert np.isposinf(samples.ranges).all()
-
-
 # --- Lines that cannot be used -----------------------------------------------------------------
 
 
@@ -311,38 +261,11 @@ def test_lines_cut_anywhere_are_skipped_and_counted(tmp_path: Path) -> None:
         assert next(iter(tally.counts.values())).first == f"{path}:2"
 
 
-@pytest.mark.parametrize("remissions", [0, 3])
-def test_robotlaser_lines_cut_anywhere_are_skipped(tmp_path: Path, remissions: int) -> None:
-    def line(t: float) -> str:
-        return robotlaser(t, numbered(4), remissions=[1.0] * remissions)
-
-    whole = line(1.5)
-    for length in range(len("ROBOTLASER1 "), whole.rindex(" ") + 1):
-        samples, tally = read(log(tmp_path, line(0), whole[:length], line(2)))
-        assert len(samples) == 2, whole[:length]
-        assert tally.of(CUT) + tally.of(OTHER) == 1
-
-
-def test_odometry_lines_cut_anywhere_are_skipped(tmp_path: Path) -> None:
-    whole = odom(1.5, 1)
-    for length in range(len("ODOM "), whole.rindex(" ") + 1):
-        samples, tally = read(log(tmp_path, odom(0, 1), whole[:length], odom(2, 1)))
-        assert len(samples) == 2, whole[:length]
-        assert tally.of(CUT) == 1
-
-
 def test_the_first_line_may_be_cut(tmp_path: Path) -> None:
     path = log(tmp_path, flaser(0, [1] * 181)[:300], *(flaser(t, [1] * 181) for t in (1, 2, 3)))
     samples, tally = read(path)
     assert samples.t.tolist() == [1, 2, 3]
     assert tally.counts[CUT].first == f"{path}:1"
-
-
-def test_the_first_line_may_be_of_another_layout(tmp_path: Path) -> None:
-    path = log(tmp_path, flaser(0, [1] * 180), *(flaser(t, [1] * 181) for t in (1, 2, 3)))
-    samples, tally = read(path)
-    assert samples.t.tolist() == [1, 2, 3]
-    assert tally.counts[OTHER].first == f"{path}:1"
 
 
 def test_scans_of_another_layout_are_skipped(tmp_path: Path) -> None:
@@ -367,23 +290,6 @@ def test_a_pose_of_nan_is_skipped(tmp_path: Path, bad: str, at: int, pose: PoseO
     assert tally.counts[NO_POSE].first == f"{path}:2"
 
 
-@pytest.mark.parametrize("bad", ["nan", "inf", "1e400"])
-def test_a_first_line_with_a_pose_of_nan_tells_no_mount(tmp_path: Path, bad: str) -> None:
-    first = flaser(0, [1] * 3, (0, 0, 0), (9, 8, 7)).replace("9 8 7", f"0 {bad} 0")
-    path = log(tmp_path, first, *(flaser(t, [1] * 3) for t in (1, 2, 3)))
-    for mount in opened(path).mounts:
-        assert (mount.x, mount.y) == (0, 0)
-
-
-@pytest.mark.parametrize("bad", ["nan", "inf", "-inf", "x", "1e999"])
-@pytest.mark.parametrize("word", [2, 3, 4, 5])
-def test_a_robotlaser_of_no_angles_is_passed_over(tmp_path: Path, bad: str, word: int) -> None:
-    line = robotlaser(0, [1] * 3).split(" ")
-    line[word] = bad
-    path = log(tmp_path, " ".join(line), *(robotlaser(t, [1] * 181) for t in (1, 2, 3)))
-    assert angles(opened(path)) == pytest.approx([-90, 0, 90])
-
-
 @pytest.mark.parametrize("count", ["1000000000", "-5", "0", "x", "9" * 5000, "1e3", ""])
 def test_a_count_that_is_none_takes_no_memory(tmp_path: Path, count: str) -> None:
     line = flaser(0, [1] * 181).replace("FLASER 181", f"FLASER {count}", 1)
@@ -404,50 +310,6 @@ def test_a_count_of_remissions_that_is_none_is_skipped(tmp_path: Path, count: st
     assert tally.of(CUT) == 1
 
 
-def test_lines_behind_the_clock_are_skipped(tmp_path: Path) -> None:
-    path = log(tmp_path, *(flaser(t, [1] * 3, (t, 0, 0)) for t in (0, 1, 0.5, 2, 1.9, 3)))
-    samples, tally = read(path)
-    assert samples.t.tolist() == [0, 1, 2, 3]
-    assert (tally.counts[BACKWARDS].count, tally.counts[BACKWARDS].first) == (2, f"{path}:3")
-
-
-def test_a_clock_set_back_for_good_is_refused(tmp_path: Path) -> None:
-    late = [flaser(1000 + t, [1] * 3) for t in range(200)]
-    path = log(tmp_path, *late, *(flaser(t, [1] * 3) for t in range(150)))
-    with pytest.raises(RecordingError) as caught:
-        read(path)
-    assert str(caught.value) == (
-        f"{path}:300: the clock, found 99.000 s after 1199.000 s and 100 rows without catching "
-        "up, expected times that rise; cut the recording where it was set back"
-    )
-
-
-def test_a_log_of_which_most_lines_are_cut_is_refused(tmp_path: Path) -> None:
-    cut = flaser(1, [1] * 181)[:99]
-    path = log(tmp_path, flaser(0, [1] * 181), cut, cut, cut, flaser(2, [1] * 181))
-    with pytest.raises(RecordingError) as caught:
-        read(path)
-    assert str(caught.value) == (
-        f"{path}:2: 3 of 5 rows cannot be read or run backwards in time, the first here, expected "
-        "at most half"
-    )
-
-
-def test_a_log_of_which_half_is_of_use_is_used(tmp_path: Path) -> None:
-    cut = flaser(1, [1] * 181)[:99]
-    samples, tally = read(log(tmp_path, flaser(0, [1] * 181), cut, cut, flaser(2, [1] * 181)))
-    assert (len(samples), tally.of(CUT)) == (2, 2)
-
-
-def test_a_log_without_such_lines_is_refused(tmp_path: Path) -> None:
-    path = log(tmp_path, "PARAM a b", "FLASER 3 1", "ODOMETRY 1 2 3")
-    with pytest.raises(RecordingError) as caught:
-        opened(path)
-    assert str(caught.value) == (
-        f"{path}: found no whole line of ODOM, FLASER, RLASER or ROBOTLASER1, expected a CARMEN log"
-    )
-
-
 # --- However the file is read ------------------------------------------------------------------
 
 
@@ -466,20 +328,6 @@ def test_blocks_of_any_size_give_the_same(
     parts, _ = read(path)
     for name in ("t", "x", "y", "yaw", "ranges"):
         np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
-
-
-def test_a_compressed_log_is_the_same(tmp_path: Path) -> None:
-    path = log(tmp_path, *(flaser(t, numbered(181), (t, 0, 0)) for t in range(9)))
-    packed = tmp_path / "drive.log.gz"
-    packed.write_bytes(gzip.compress(path.read_bytes()))
-    np.testing.assert_array_equal(read(packed)[0].ranges, read(path)[0].ranges)
-
-
-def test_windows_line_ends_do_not_matter(tmp_path: Path) -> None:
-    path = log(tmp_path, *(flaser(t, numbered(181), (t, 0, 0)) for t in range(9)))
-    unix, _ = read(path)
-    path.write_bytes(path.read_bytes().replace(b"\n", b"\r\n"))
-    np.testing.assert_array_equal(read(path)[0].ranges, unix.ranges)
 
 
 def test_carmen_is_told_by_what_is_inside(tmp_path: Path) -> None:

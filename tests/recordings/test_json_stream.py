@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import gzip
 import json
-import math
 import tracemalloc
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,7 +18,7 @@ from possmap.lab.recordings import json_stream
 from possmap.lab.recordings.json_stream import entries
 
 CUT = "files cut short, used up to the cut"
-SIZES = (1, 2, 3, 4, 5, 7, 8, 13, 16, 31, 64, 1 << 18)
+SIZES = (1, 2, 5, 13, 64, 1 << 18)
 FEW = (1, 5, 64, 1 << 18)
 
 numbers = st.integers() | st.floats(allow_nan=False, allow_infinity=True)
@@ -113,7 +111,7 @@ def test_a_nested_path_gives_what_lies_there(
 
 @given(
     rows=st.lists(st.dictionaries(texts, values, max_size=3), min_size=1, max_size=5),
-    end=st.sampled_from(["\n", "\r\n", "\n\n", " "]),
+    end=st.sampled_from(["\n", "\r\n", "\n\n"]),
 )
 def test_json_lines_give_one_entry_a_line(path: Path, rows: list[Any], end: str) -> None:
     text = "".join(json.dumps(row) + end for row in rows)
@@ -130,28 +128,6 @@ def test_numbers_may_be_cut_anywhere(path: Path, size: int, text: str) -> None:
     expected = [json.loads(text)] * 3
     for pad in range(4):
         assert found(path, " " * pad + f"[{text},{text} , {text}]") == expected
-
-
-@pytest.mark.parametrize(
-    "text", ['"é"', '"\\u00e9"', '"\\ud83d\\ude00"', '"😀"', '"\\\\\\""', '""']
-)
-def test_strings_may_be_cut_anywhere(path: Path, size: int, text: str) -> None:
-    for pad in range(8):
-        assert found(path, " " * pad + f"[{text}, {{{text}: {text}}}]") == [
-            json.loads(text), {json.loads(text): json.loads(text)},
-        ]  # fmt: skip
-
-
-@pytest.mark.parametrize("text", ["true", "false", "null"])
-def test_words_may_be_cut_anywhere(path: Path, size: int, text: str) -> None:
-    assert found(path, f"[{text},[{text}],{text}]") == [
-        json.loads(text), [json.loads(text)], json.loads(text)
-    ]  # fmt: skip
-
-
-def test_nan_is_read_as_python_writes_it(path: Path, size: int) -> None:
-    (value,) = found(path, "[NaN]")
-    assert math.isnan(value)
 
 
 def test_a_byte_order_mark_is_passed_over(path: Path, size: int) -> None:
@@ -196,18 +172,6 @@ def test_a_file_cut_before_its_first_entry_is_refused(
 ) -> None:
     told = refusal(path, text, rows)
     assert told == "1: not JSON: the file ends too early" or told.startswith("1: found ")
-
-
-def test_compressed_json_cut_anywhere_is_used_up_to_the_cut(path: Path) -> None:
-    text = json.dumps([{"n": n, "text": f"{n * 7919 % 1000:x}"} for n in range(3000)])
-    packed = gzip.compress(text.encode(), mtime=0)
-    for length in range(len(packed) // 3, len(packed) - 9, len(packed) // 11):
-        path.write_bytes(packed[:length])
-        tally = Tally()
-        told = [value["n"] for _, _, value in entries(path, "", tally)]
-        assert told == list(range(len(told)))
-        assert told
-        assert tally.of(CUT) == 1
 
 
 def test_a_last_line_of_json_lines_that_is_cut_is_counted(path: Path, size: int) -> None:
@@ -272,13 +236,6 @@ def test_a_fault_is_told_at_once_not_at_the_end_of_a_long_file(path: Path) -> No
     with pytest.raises(RecordingError, match="not JSON: Expecting value"):
         list(entries(path, "", Tally(), told.append))
     assert sum(told) < 600_000
-
-
-def test_many_keys_before_the_one_that_is_missing_are_not_all_kept(path: Path) -> None:
-    text = json.dumps({f"key{n}": n for n in range(10_000)})
-    told = refusal(path, text, "rows")
-    assert told.startswith('1: found the keys "key0", "key1", ')
-    assert told.endswith('"key19", expected "rows"')
 
 
 def test_an_entry_too_large_is_refused_without_keeping_the_file(path: Path) -> None:

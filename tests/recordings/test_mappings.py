@@ -15,11 +15,6 @@ from possmap.settings.shipped import shipped_names
 
 CSV = "format: csv\n"
 PLAIN = CSV + "columns: {t: t, x: x, y: y}\n"
-ROLES = "t, x, y, yaw, qx, qy, qz, qw, vx, vy, forward, turn, left, right"
-KEYS = (
-    "format, tables, columns, beams, scan, rows, delimiter, header, comment, units, ticks, "
-    "nothing, invalid, period, velocity_in_body, guard, gap"
-)
 
 
 def read(folder: Path, text: str) -> Mapping:

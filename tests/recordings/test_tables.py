@@ -10,8 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from possmap.errors import RecordingError
 from possmap.lab.convert.samples import Samples, joined
@@ -142,12 +140,6 @@ def test_json_values_are_found_by_their_paths(tmp_path: Path) -> None:
     assert samples.y.tolist() == [0, 2, 4]
 
 
-def test_json_rows_may_be_lists(tmp_path: Path) -> None:
-    mapping = 'columns: {t: "[0]", x: "[1]", y: "[2]"}\n'
-    samples, _ = read(tmp_path, mapping, "[[0, 1, 2], [1, 3, 4]]", "json")
-    assert samples.x.tolist() == [1, 3]
-
-
 # --- Columns that are not there ----------------------------------------------------------------
 
 
@@ -216,13 +208,6 @@ def test_json_without_what_is_mapped_is_refused(tmp_path: Path, text: str, told:
     assert refusal(tmp_path, mapping, text, "json") == told
 
 
-def test_very_many_columns_are_refused_soon(tmp_path: Path) -> None:
-    wide = ",".join(f"c{index}" for index in range(100_000))
-    told = refusal(tmp_path, PLAIN, f"{wide}\n{ROWS}")
-    assert told.startswith('drive.csv:1: column "t" is missing, found "c0", "c1", ')
-    assert len(told) < 400
-
-
 # --- Units -------------------------------------------------------------------------------------
 
 UNITS = [
@@ -246,20 +231,6 @@ def test_every_unit_of_a_sample(tmp_path: Path, quantity: str, unit: str, worth:
     assert samples.ranges[:, 0] == pytest.approx(np.array([2, 4]) * worths.get("range", 1))
 
 
-@pytest.mark.parametrize(("unit", "worth"), [("m/s", 1), ("cm/s", 0.01), ("mm/s", 1e-3)])
-def test_every_unit_of_speed(tmp_path: Path, unit: str, worth: float) -> None:
-    text = table("t v w", (0, 5, 0), (1, 10, 0), (3, 20, 0))
-    samples, _ = read(tmp_path, f"units: {{speed: {unit}}}\n{SPEEDS}", text)
-    assert samples.x == pytest.approx(np.array([0, 10, 50]) * worth)
-
-
-@pytest.mark.parametrize(("unit", "worth"), [("rad/s", 1), ("deg/s", math.pi / 180)])
-def test_every_unit_of_turning(tmp_path: Path, unit: str, worth: float) -> None:
-    text = table("t v w", (0, 0, 9), (1, 0, 2), (2, 0, -1))
-    samples, _ = read(tmp_path, f"units: {{turn_rate: {unit}}}\n{SPEEDS}", text)
-    assert samples.yaw == pytest.approx(np.array([0, 2, 1]) * worth)
-
-
 # --- Headings ----------------------------------------------------------------------------------
 
 
@@ -280,16 +251,6 @@ def test_quaternions_of_any_length_give_the_heading(tmp_path: Path, size: float)
     mapping = "columns: {t: t, x: x, y: y, qx: a, qy: b, qz: c, qw: d}\n"
     samples, _ = read(tmp_path, mapping, table("t x y a b c d", *rows))
     assert np.mod(samples.yaw, 2 * math.pi) == pytest.approx(np.mod(angles, 2 * math.pi))
-
-
-def test_a_tilted_body_looks_where_its_nose_points(tmp_path: Path) -> None:
-    tilt, yaw = 0.3, 1.0  # first tilted about its own y axis, then turned
-    qw, qx = math.cos(yaw / 2) * math.cos(tilt / 2), -math.sin(yaw / 2) * math.sin(tilt / 2)
-    qy, qz = math.cos(yaw / 2) * math.sin(tilt / 2), math.sin(yaw / 2) * math.cos(tilt / 2)
-    mapping = "columns: {t: t, x: x, y: y, qx: a, qy: b, qz: c, qw: d}\n"
-    text = table("t x y a b c d", *((t, 0, 0, qx, qy, qz, qw) for t in range(2)))
-    samples, _ = read(tmp_path, mapping, text)
-    assert samples.yaw == pytest.approx([yaw, yaw])
 
 
 def test_quaternions_of_zeros_are_skipped(tmp_path: Path) -> None:
@@ -326,21 +287,6 @@ def test_ticks_of_each_row_make_a_track(tmp_path: Path) -> None:
     assert samples.x == pytest.approx([0, 1, 1, 1 + math.cos(2)])
 
 
-def test_wheels_may_differ(tmp_path: Path) -> None:
-    mapping = TICKS + "ticks: {left: 0.01, right: 0.02, track: 0.5}\n"
-    samples, _ = read(tmp_path, mapping, table("t l r", (0, 0, 0), (1, 200, 100)))
-    assert samples.x == pytest.approx([0, 2])
-    assert samples.yaw == pytest.approx([0, 0])
-
-
-def test_an_arc_is_laid_as_an_arc(tmp_path: Path) -> None:
-    quarter = 0.5 * math.pi
-    mapping = TICKS + "ticks: {metres_per_tick: 1, track: 1, cumulative: false}\n"
-    row = (1, quarter * 1.5, quarter * 2.5)  # about a point 2 m to the left
-    samples, _ = read(tmp_path, mapping, table("t l r", (0, 0, 0), row))
-    assert (samples.x[1], samples.y[1], samples.yaw[1]) == pytest.approx((2, 2, quarter))
-
-
 @pytest.mark.parametrize("way", [1, -1])
 def test_counters_that_begin_anew_go_on(tmp_path: Path, way: int) -> None:
     mapping = TICKS + "ticks: {metres_per_tick: 0.01, track: 0.5, wrap: 65536}\n"
@@ -351,15 +297,6 @@ def test_counters_that_begin_anew_go_on(tmp_path: Path, way: int) -> None:
     assert samples.x == pytest.approx(way * 70.0 * np.arange(40))
     jumps = sum(abs(one - other) > 32_768 for one, other in pairwise(counts))
     assert left_out == {WRAPPED: 2 * jumps}
-
-
-def test_signed_counters_begin_anew_as_well(tmp_path: Path) -> None:
-    mapping = TICKS + "ticks: {metres_per_tick: 0.01, track: 0.5, wrap: 65536}\n"
-    text = table("t l r", (0, 32_700, -32_700), (1, -32_736, 32_736), (2, -32_636, 32_636))
-    samples, left_out = read(tmp_path, mapping, text)
-    assert samples.x == pytest.approx([0, 0, 0])
-    assert samples.yaw == pytest.approx([0, -4, -8])
-    assert left_out == {WRAPPED: 2}
 
 
 def test_each_speed_holds_since_the_row_before(tmp_path: Path) -> None:
@@ -408,13 +345,6 @@ def test_velocities_may_be_the_bodys(tmp_path: Path) -> None:
     assert list(left_out.values()) == [1]
 
 
-def test_a_guard_of_zero_lets_jumps_be(tmp_path: Path) -> None:
-    rows = [(t, t + 5 * (t > 2), 0, 0, 1, 0) for t in range(5)]
-    samples, left_out = read(tmp_path, "guard: 0\n" + GUARDED, table("t x y yaw vx vy", *rows))
-    assert samples.x.tolist() == [0, 1, 2, 8, 9]
-    assert left_out == {}
-
-
 @pytest.mark.parametrize("bad", ["nan", "inf", "-inf", "1e308", "1e5"])
 def test_a_velocity_that_is_none_replaces_nothing(tmp_path: Path, bad: str) -> None:
     rows = [(t, t, 0, 0, bad if t == 2 else 1, 0) for t in range(5)]
@@ -424,12 +354,6 @@ def test_a_velocity_that_is_none_replaces_nothing(tmp_path: Path, bad: str) -> N
 
 
 # --- Times -------------------------------------------------------------------------------------
-
-
-def test_a_period_stands_for_times(tmp_path: Path) -> None:
-    text = table("x y", (0, 0), (1, 0), (2, 0))
-    samples, _ = read(tmp_path, "period: 0.25\ncolumns: {x: x, y: y}\n", text)
-    assert samples.t.tolist() == [0, 0.25, 0.5]
 
 
 def test_a_row_that_is_skipped_takes_its_period_all_the_same(tmp_path: Path) -> None:
@@ -455,12 +379,6 @@ def test_a_clock_set_back_for_good_is_refused(tmp_path: Path) -> None:
     )
 
 
-def test_a_recording_mostly_behind_its_clock_is_refused(tmp_path: Path) -> None:
-    times = [*range(1000, 1010), *range(30)]
-    told = refusal(tmp_path, PLAIN, table("t x y yaw", *((t, 0, 0, 0) for t in times)))
-    assert told.startswith("drive.csv:12: 30 of 40 rows cannot be read or run backwards in time")
-
-
 def test_rows_of_one_time_are_one_sample_and_what_is_lost_is_counted(tmp_path: Path) -> None:
     text = table("t x y yaw", (0, 0, 0, 0), (1, 1, 0, 0), (1, 2, 0, 0), (1, 2, 0, 0), (2, 3, 0, 0))
     samples, left_out = read(tmp_path, PLAIN, text)
@@ -478,11 +396,6 @@ def ranges(folder: Path, rules: str, *values: object) -> tuple[list[float], dict
     text = table("t x y yaw r", *((t, t, 0, 0, value) for t, value in enumerate(values)))
     samples, left_out = read(folder, BEAM + rules, text)
     return samples.ranges[:, 0].tolist(), left_out
-
-
-def test_a_sensor_sits_where_the_mapping_says(tmp_path: Path) -> None:
-    (mount,) = opened(tmp_path, BEAM, table("t x y yaw r", (0, 0, 0, 0, 1))).mounts
-    assert (mount.angle, mount.x, mount.y) == (0, 0.1, -0.2)
 
 
 def test_values_that_mean_nothing_in_sight(tmp_path: Path) -> None:
@@ -514,15 +427,6 @@ def test_a_reading_that_is_missing_is_none_and_no_fault(tmp_path: Path, value: s
     assert left_out == {}
 
 
-def test_only_wanted_beams_are_read(tmp_path: Path) -> None:
-    beams = [f"{{column: b{angle}, angle_deg: {angle}}}" for angle in (0, 45, 90, 270, 178)]
-    text = table("t x y yaw b0 b45 b90 b270 b178", (0, 0, 0, 0, 1, "bad", 3, 4, 5))
-    recording = opened(tmp_path, f"{PLAIN}beams: [{', '.join(beams)}]\n", text * 2)
-    assert [math.degrees(mount.angle) for mount in recording.mounts] == pytest.approx(
-        [270, 0, 90, 178]
-    )
-
-
 def test_scans_may_be_columns(tmp_path: Path) -> None:
     mapping = PLAIN + "scan: {column: s0, first_deg: -90, step_deg: 45, count: 5, x: 0.3}\n"
     text = table("t x y yaw s0 s1 s2 s3 s4", *((t, t, 0, 0, 1, 2, 3, 4, 5) for t in range(2)))
@@ -540,14 +444,6 @@ def test_scans_may_be_lists(tmp_path: Path) -> None:
     )
     np.testing.assert_array_equal(samples.ranges, [[1, math.nan, 5]] * 2)
     assert left_out == {}
-
-
-def test_a_list_too_short_for_its_beams_is_skipped(tmp_path: Path) -> None:
-    mapping = PLAIN + "scan: {column: s, first_deg: -90, step_deg: 45}\n"
-    rows = [{"t": t, "x": t, "y": 0, "yaw": 0, "s": [1] * (2 if t == 1 else 5)} for t in range(4)]
-    samples, left_out = read(tmp_path, mapping, json.dumps(rows), "json")
-    assert samples.x.tolist() == [0, 2, 3]
-    assert left_out == {SKIPPED: 1}
 
 
 # --- Rows that cannot be used ------------------------------------------------------------------
@@ -609,15 +505,6 @@ def test_a_json_row_without_its_numbers_is_skipped(tmp_path: Path, row: str) -> 
     assert left_out == {SKIPPED: 1}
 
 
-def test_a_bad_line_of_json_lines_spoils_no_other(tmp_path: Path) -> None:
-    good = [json.dumps({"t": t, "x": 1, "y": 2, "yaw": 0}) for t in range(5)]
-    for length in range(1, len(good[1])):
-        text = "\n".join([good[0], good[1][:length], *good[2:]])
-        samples, left_out = read(tmp_path, PLAIN, text, "json")
-        assert samples.t.tolist() == [0, 2, 3, 4], text
-        assert left_out == {SKIPPED: 1}
-
-
 def test_a_recording_of_which_most_rows_are_bad_is_refused(tmp_path: Path) -> None:
     text = "t,x,y,yaw\n0,1,2,0\n" + "a,b,c,d\n" * 2 + "3,4,8,0\n" + "e\n"
     assert refusal(tmp_path, PLAIN, text) == (
@@ -634,46 +521,6 @@ def test_one_stamp_far_ahead_puts_no_other_row_into_the_past(tmp_path: Path, pla
     samples, left_out = read(tmp_path, PLAIN, text)
     assert samples.t.tolist() == [t for t in range(50) if t != place]
     assert left_out == {"rows whose clock jumped ahead and back, skipped": 1}
-
-
-def test_a_clock_that_is_set_ahead_for_good_is_believed(tmp_path: Path) -> None:
-    times = [*range(20), *range(900, 920)]
-    text = "t,x,y,yaw\n" + "".join(f"{t},1,2,0\n" for t in times)
-    samples, left_out = read(tmp_path, PLAIN, text)
-    assert samples.t.tolist() == times
-    assert left_out == {}
-
-
-def test_a_pose_of_nan_says_something_and_does_not_count_for_that(tmp_path: Path) -> None:
-    text = "t,x,y,yaw\n0,1,2,0\n" + "1,nan,nan,nan\n" * 9 + "3,4,8,0\n"
-    samples, left_out = read(tmp_path, PLAIN, text)
-    assert (len(samples), left_out) == (2, {NO_POSE: 9})
-
-
-def test_a_long_line_is_skipped_and_counted(tmp_path: Path) -> None:
-    text = "t,x,y,yaw\n0,1,2,0\n" + "1," * 600_000 + "\n2,3,6,0\n"
-    samples, left_out = read(tmp_path, PLAIN, text)
-    assert samples.t.tolist() == [0, 2]
-    assert left_out == {"lines longer than 1 MiB, skipped": 1}
-
-
-def test_bytes_that_are_not_utf_8_harm_only_their_field(tmp_path: Path) -> None:
-    text = b"t,x,y,yaw,\xe4\n0,1,2,0,\xfc\n1,\xff,2,0,a\n2,3,6,0,b\n"
-    samples, left_out = read(tmp_path, PLAIN, text)
-    assert samples.t.tolist() == [0, 2]
-    assert left_out == {SKIPPED: 1}
-
-
-@given(st.binary(max_size=300), st.integers(1, 5))
-def test_no_bytes_at_all_bring_it_down(
-    tmp_path_factory: pytest.TempPathFactory, noise: bytes, at: int
-) -> None:
-    folder = tmp_path_factory.getbasetemp()
-    good = [b"t,x,y,yaw", *(b"%d,1,2,0" % t for t in range(400))]
-    text = b"\n".join([*good[:at], noise.replace(b"\x1f\x8b", b""), *good[at:]])
-    samples, _ = read(folder, PLAIN, text)
-    assert len(samples) > 200
-    assert np.isfinite(samples.x).all() and (np.diff(samples.t) > 0).all()
 
 
 # --- However the file is read ------------------------------------------------------------------
@@ -777,14 +624,6 @@ def test_several_recordings_keep_their_order(tmp_path: Path) -> None:
     assert [recording.name for recording in found] == ["c", "a", "b"]
 
 
-def test_a_missing_second_file_is_named(tmp_path: Path) -> None:
-    poses, other = pair(tmp_path, "a")
-    other.unlink()
-    with pytest.raises(RecordingError) as caught:
-        open_recordings([poses], source(tmp_path))
-    assert str(caught.value) == f"{other}: is missing beside a_pose.csv"
-
-
 def test_a_file_of_no_table_is_refused_with_the_names(tmp_path: Path) -> None:
     path = tmp_path / "b.csv"
     path.write_text("t,x\n")
@@ -793,24 +632,6 @@ def test_a_file_of_no_table_is_refused_with_the_names(tmp_path: Path) -> None:
     assert str(caught.value) == (
         f"{path}: is no file of this mapping, expected *_pose.csv, *_range.csv"
     )
-
-
-def test_of_two_patterns_that_match_the_one_whose_files_are_there_counts(tmp_path: Path) -> None:
-    poses, other = pair(tmp_path, "a")
-    poses.rename(tmp_path / "a.csv")
-    rules = source(tmp_path, PAIR.replace("*_pose.csv", "*.csv"))
-    for path in (tmp_path / "a.csv", other):
-        (recording,) = open_recordings([path], rules)
-        assert recording.name == "a"
-
-
-def test_a_damaged_second_file_is_refused_by_its_own_name(tmp_path: Path) -> None:
-    poses, other = pair(tmp_path, "a")
-    other.write_text("t,r\n" + "x,y\n" * 5)
-    (recording,) = open_recordings([poses], source(tmp_path))
-    with pytest.raises(RecordingError) as caught:
-        joined(recording.samples(Tally(), None))
-    assert str(caught.value).startswith(f"{other}:2: 5 of 5 rows cannot be read")
 
 
 # --- Recordings of others ----------------------------------------------------------------------

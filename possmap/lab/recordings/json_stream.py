@@ -7,166 +7,145 @@ import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO, NoReturn
 
 from possmap.errors import RecordingError, shown
 from possmap.lab.convert.tally import Tally
-from possmap.lab.recordings.stream import Progress, opened
+from possmap.lab.recordings.stream import Progress, head_of, lines, opened
 
 LARGEST_ENTRY = 1 << 24
 """No entry of a recording is larger [characters]."""
 
-_TOO_LARGE = "an entry of more than 16 MiB"
-_PATIENCE = 1 << 25
-"""So much may be read in vain, more than of what is read well [characters]."""
-
+_CUT = "files cut short, used up to the cut"
 _CHUNK = 1 << 18
 _NAMED = 20
 _SPACE = re.compile(r"[ \t\r\n]*")
 _DECODER = json.JSONDecoder()
+_NEAR = 12
+"""An error nearer than this to the end of what was read may be none when more is [characters]."""
 
 _WORDS = ("true", "false", "null", "NaN", "Infinity", "-Infinity")
 _NUMBER_ENDS = frozenset(["", ".", "e", "E", "e+", "e-", "E+", "E-"])
 _BEGINNINGS = _NUMBER_ENDS | {word[:n] for word in _WORDS for n in range(1, len(word))}
-_ESCAPE = 12
-"""Longer than the escape of a character, and than all of these [characters]."""
 
 
-class _Cut(RecordingError):
+class _CutShort(RecordingError):
     """The file ends in the middle."""
-
-
-class _NotJson(RecordingError):
-    """Something else than JSON stands here; to find out, ``read`` characters were read."""
-
-    read = 0
 
 
 class _Text:
     """A window on the file's text that moves on."""
 
-    def __init__(self, path: Path, read: Any) -> None:
-        self.path = path
-        self._read = read
+    def __init__(self, path: Path, stream: BinaryIO) -> None:
+        self._path = path
+        self._stream = stream
         self._decode = codecs.getincrementaldecoder("utf-8-sig")()
-        self.text = ""
-        self.at = 0
-        self.ended = False
+        self._text = ""
+        self._at = 0
         self._line = 1
         self._counted = 0
 
-    def more(self) -> bool:
-        """Read on; whether there was more to read."""
-        if self.ended:
-            return False
-        data = b""
-        while len(data) < _CHUNK:  # a compressed file may give a byte at a time
+    @property
+    def line(self) -> int:
+        """The number of the line here."""
+        self._line += self._text.count("\n", self._counted, self._at)
+        self._counted = self._at
+        return self._line
+
+    def peek(self) -> str:
+        """Go to the next character that is no white space, and return it; empty at the end."""
+        while True:
+            found = _SPACE.match(self._text, self._at)
+            self._at = found.end() if found else self._at
+            if self._at < len(self._text):
+                return self._text[self._at]
+            if not self._read(_CHUNK):
+                return ""
+
+    def take(self, character: str) -> bool:
+        """Go past a character; whether it stands here."""
+        found = self.peek() == character
+        self._at += found
+        return found
+
+    def expect(self, character: str) -> None:
+        """Go past a character that must stand here."""
+        if not self.take(character):
+            self.fail(f"found {shown(self.peek())}, expected {character}")
+
+    def value(self) -> Any:
+        """Decode one value here."""
+        self.peek()
+        while True:
+            start = self._at
+            error: json.JSONDecodeError | None = None
             try:
-                part = self._read(_CHUNK)
+                value, end = _DECODER.raw_decode(self._text, start)
+            except json.JSONDecodeError as fault:
+                value, end, error = None, fault.pos, fault
+            except RecursionError:
+                self.fail("nested too deep")
+            except ValueError:  # Python refuses to read whole numbers of thousands of digits
+                self.fail("a number of more than 4300 digits")
+            if end - start > LARGEST_ENTRY:
+                self.fail("an entry of more than 16 MiB")
+            is_sure = end + _NEAR <= len(self._text)
+            if error is None and is_sure:
+                self._at = end
+                return value
+            if error is not None and is_sure and not error.msg.startswith("Unterminated"):
+                self.fail(f"not JSON: {error.msg}", end)
+            if len(self._text) - start > LARGEST_ENTRY:
+                self.fail("an entry of more than 16 MiB")
+            # As much again as there is, so that a large entry is not tried too often.
+            if not self._read(max(_CHUNK, len(self._text) - start)):
+                return self._last(value, end, error)
+
+    def _last(self, value: Any, end: int, error: json.JSONDecodeError | None) -> Any:
+        """Return the value that ends where the file does, unless it was cut."""
+        rest = self._text[end:].rstrip()
+        if error is not None:
+            if rest in _BEGINNINGS or error.msg.startswith(("Unterminated", "Invalid \\u")):
+                self._fail_cut()
+            self.fail(f"not JSON: {error.msg}", end)
+        if isinstance(value, (int, float)) and rest in _NUMBER_ENDS:
+            self._fail_cut()
+        self._at = end
+        return value
+
+    def fail(self, problem: str, at: int | None = None) -> NoReturn:
+        """Raise an error for what stands here; for a file that ends here, another one."""
+        if at is None and not self.peek():
+            self._fail_cut()
+        line = self.line + self._text.count("\n", self._at, self._at if at is None else at)
+        raise RecordingError(f"{self._path}:{line}", problem)
+
+    def _fail_cut(self) -> NoReturn:
+        raise _CutShort(f"{self._path}:{self.line}", "not JSON: the file ends too early")
+
+    def _read(self, size: int) -> bool:
+        """Read on, so many bytes or to the end; whether there was more to read."""
+        data = bytearray()
+        while len(data) < size:  # a compressed file may give a byte at a time
+            try:
+                part = self._stream.read1(_CHUNK)  # type: ignore[attr-defined]
             except EOFError:
                 part = b""
             if not part:
-                self.ended = True
                 break
             data += part
         if not data:
             return False
         try:
-            new = self._decode.decode(data)  # at the end, part of a character is a cut like others
+            new = self._decode.decode(bytes(data))  # at the end, part of a character is a cut
         except UnicodeDecodeError as error:
-            line = self.line + self.text.count("\n", self.at) + data.count(b"\n", 0, error.start)
+            line = self.line + self._text.count("\n", self._at) + data.count(b"\n", 0, error.start)
             problem = "found bytes that are not UTF-8, expected JSON"
-            raise RecordingError(f"{self.path}:{line}", problem) from error
+            raise RecordingError(f"{self._path}:{line}", problem) from error
         _ = self.line
-        self._counted = 0
-        self.text = self.text[self.at :] + new
-        self.at = 0
+        self._text = self._text[self._at :] + new
+        self._at = self._counted = 0
         return True
-
-    @property
-    def line(self) -> int:
-        """The number of the line here."""
-        self._line += self.text.count("\n", self._counted, self.at)
-        self._counted = self.at
-        return self._line
-
-    def skip_space(self) -> str:
-        """Go to the next character that is no white space, and return it; empty at the end."""
-        while True:
-            found = _SPACE.match(self.text, self.at)
-            self.at = found.end() if found else self.at
-            if self.at < len(self.text):
-                return self.text[self.at]
-            if not self.more():
-                return ""
-
-    def expect(self, character: str) -> None:
-        found = self.skip_space()
-        if not found:
-            raise self.cut()
-        if found != character:
-            raise self.fault(f"found {shown(found)}, expected {character}")
-        self.at += 1
-
-    def skip_line(self) -> None:
-        """Go to the next line."""
-        while True:
-            end = self.text.find("\n", self.at)
-            self.at = len(self.text) if end < 0 else end + 1
-            if end >= 0 or not self.more():
-                return
-
-    def value(self) -> Any:
-        """Decode one value here."""
-        self.skip_space()
-        while True:
-            try:
-                value, end = _DECODER.raw_decode(self.text, self.at)
-            except json.JSONDecodeError as error:
-                if not self._may_go_on(error):
-                    raise self.fault(f"not JSON: {error.msg}", error.pos) from None
-            except RecursionError:
-                raise self.fault("nested too deep", read=_PATIENCE) from None
-            except ValueError:  # Python refuses to read whole numbers of thousands of digits
-                raise self.fault("a number of more than 4300 digits") from None
-            else:
-                # Where the window ends, a number may go on.
-                is_number = isinstance(value, (int, float))
-                if end - self.at > LARGEST_ENTRY:
-                    raise self.fault(_TOO_LARGE, read=LARGEST_ENTRY)
-                if not is_number or self.text[end : end + _ESCAPE] not in _NUMBER_ENDS:
-                    self.at = end
-                    return value
-            if len(self.text) - self.at > LARGEST_ENTRY:
-                raise self.fault(_TOO_LARGE, read=LARGEST_ENTRY)
-            if not self._grow():
-                raise self.cut()
-
-    def _may_go_on(self, error: json.JSONDecodeError) -> bool:
-        """Whether what is no JSON here may become some when more is read."""
-        rest = self.text[error.pos : error.pos + _ESCAPE]
-        if error.msg.startswith("Invalid \\u"):
-            return len(rest) < _ESCAPE
-        return error.msg.startswith("Unterminated") or rest.rstrip() in _BEGINNINGS
-
-    def _grow(self) -> bool:
-        """Read as much again as the window holds, so that a large entry is not tried too often."""
-        wanted = max(_CHUNK, len(self.text) - self.at)
-        grown = False
-        while wanted > 0 and self.more():
-            wanted -= _CHUNK
-            grown = True
-        return grown
-
-    def fault(self, problem: str, at: int | None = None, read: int = 0) -> RecordingError:
-        at = self.at if at is None else at
-        line = self.line + self.text.count("\n", self.at, at)
-        found = _NotJson(f"{self.path}:{line}", problem)
-        found.read = max(read, at - self.at)
-        return found
-
-    def cut(self) -> _Cut:
-        return _Cut(f"{self.path}:{self.line}", "not JSON: the file ends too early")
 
 
 def entries(
@@ -188,112 +167,84 @@ def entries(
     RecordingError
         ``file:line: what was found, what was expected``.
     """
-    steps = [] if rows == "*" else [step for step in rows.split(".") if step]
+    if not rows and head_of(path).lstrip(codecs.BOM_UTF8 + b" \t\r\n")[:1] == b"{":
+        yield from _lines(path, tally, progress)
+        return
     with opened(path, progress) as stream:
-        text = _Text(path, stream.read1)
-        for step in steps:
+        text = _Text(path, stream)
+        for step in rows.split(".") if rows not in ("", "*") else ():
             _enter(text, step)
-        listed = _entries(text, is_object=bool(rows))
         told = False
-        while True:
-            try:
-                entry = next(listed, None)
-            except _Cut:
-                if not told:
-                    raise
-                tally.add("files cut short, used up to the cut", f"{path}:{text.line}")
+        try:
+            for entry in _entries(text, is_object=bool(rows)):
+                told = True
+                yield entry
+        except _CutShort:
+            if not told:
+                raise
+            tally.add(_CUT, f"{path}:{text.line}")
+            return
+        if rows in ("", "*") and (found := text.peek()):
+            text.fail(f"found {shown(found)}, expected the end of the file")
+
+
+def _lines(path: Path, tally: Tally, progress: Progress | None) -> Iterator[tuple[int, str, Any]]:
+    for number, line in lines(path, tally, progress):
+        if number == 1:
+            line = line.removeprefix(codecs.BOM_UTF8)
+        if not line.strip():
+            continue
+        try:
+            value = json.loads(line)
+        except (ValueError, RecursionError):
+            if not line.endswith(b"\n"):
+                if number == 1:
+                    raise _CutShort(f"{path}:1", "not JSON: the file ends too early") from None
+                tally.add(_CUT, f"{path}:{number}")
                 return
-            if entry is None:
-                break
-            told = True
-            yield entry
-        if not steps and (found := text.skip_space()):
-            raise text.fault(f"found {shown(found)}, expected the end of the file")
+            value = None
+        yield number, "", value
 
 
 def _entries(text: _Text, is_object: bool) -> Iterator[tuple[int, str, Any]]:
-    first = text.skip_space()
-    if first == "[":
-        return _list(text)
-    if first == "{":
-        return _object(text) if is_object else _lines(text)
-    if not first:
-        raise text.cut()
-    raise text.fault(f"found {shown(first)}, expected a list or an object")
+    """Yield the entries of the list or object that begins here."""
+    is_list = text.take("[")
+    if not is_list and not (is_object and text.take("{")):
+        text.fail(f"found {shown(text.peek())}, expected a list or an object")
+    end = "]" if is_list else "}"
+    if text.take(end):
+        return
+    while True:
+        text.peek()
+        line = text.line
+        key = "" if is_list else _key(text)
+        yield line, key, text.value()
+        if not text.take(","):
+            text.expect(end)
+            return
+
+
+def _key(text: _Text) -> str:
+    key = text.value()
+    if not isinstance(key, str):
+        text.fail(f"found {shown(key)}, expected a key")
+    text.expect(":")
+    return key
 
 
 def _enter(text: _Text, step: str) -> None:
     """Go to the value of a key of the object that begins here."""
     text.expect("{")
     names: list[str] = []
-    if text.skip_space() == "}":
-        raise text.fault(f"found no keys, expected {shown(step)}")
+    if text.take("}"):
+        text.fail(f"found no keys, expected {shown(step)}", 0)
     while True:
-        key = text.value()
-        text.expect(":")
+        key = _key(text)
         if key == step:
             return
         if len(names) < _NAMED:
-            names.append(str(key))
+            names.append(key)
         text.value()
-        after = text.skip_space()
-        if not after:
-            raise text.cut()
-        if after != ",":
+        if not text.take(","):
             known = ", ".join(shown(name) for name in names)
-            raise text.fault(f"found the keys {known}, expected {shown(step)}")
-        text.at += 1
-
-
-def _list(text: _Text) -> Iterator[tuple[int, str, Any]]:
-    text.expect("[")
-    if text.skip_space() == "]":
-        text.at += 1
-        return
-    while True:
-        text.skip_space()
-        line = text.line
-        yield line, "", text.value()
-        if text.skip_space() != ",":
-            text.expect("]")
-            return
-        text.at += 1
-
-
-def _object(text: _Text) -> Iterator[tuple[int, str, Any]]:
-    text.expect("{")
-    if text.skip_space() == "}":
-        text.at += 1
-        return
-    while True:
-        text.skip_space()
-        line = text.line
-        key = text.value()
-        if not isinstance(key, str):
-            raise text.fault(f"found {shown(key)}, expected a key")
-        text.expect(":")
-        yield line, key, text.value()
-        if text.skip_space() != ",":
-            text.expect("}")
-            return
-        text.at += 1
-
-
-def _lines(text: _Text) -> Iterator[tuple[int, str, Any]]:
-    """Yield the objects of JSON Lines, one by one; give up where too much is read in vain.
-
-    What is none may reach over many lines, each of which is then looked at for itself.
-    """
-    patience = _PATIENCE
-    while text.skip_space():
-        line, start = text.line, text.at
-        try:
-            value = text.value()
-            patience = min(_PATIENCE, patience + max(0, text.at - start))
-        except _NotJson as fault:
-            patience -= fault.read
-            if patience < 0:
-                raise
-            text.skip_line()
-            value = None
-        yield line, "", value
+            text.fail(f"found the keys {known}, expected {shown(step)}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import statistics
 import tracemalloc
 
 import numpy as np
@@ -11,26 +10,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from possmap.lab.convert.medians import MOST, median, repeated_medians
+from possmap.lab.convert.lines import MOST, repeated_medians
 
 places = st.integers(-50, 50).map(lambda n: n / 8)
 points = st.lists(st.tuples(places, places), min_size=2, max_size=12)
-
-
-def literally(xy: list[tuple[float, float]]) -> tuple[float, float]:
-    slopes = []
-    for k, (x, y) in enumerate(xy):
-        own = [(b - y) / (a - x) for j, (a, b) in enumerate(xy) if j != k and a != x]
-        if own:
-            slopes.append(statistics.median(own))
-    slope = statistics.median(slopes) if slopes else 0.0
-    return slope, statistics.median([y - slope * x for x, y in xy])
-
-
-@given(points)
-def test_the_line_is_that_of_a_literal_look_at_all_pairs(xy: list[tuple[float, float]]) -> None:
-    x, y = np.array(xy).T
-    assert repeated_medians(x, y) == pytest.approx(literally(xy), abs=1e-12)
 
 
 @settings(deadline=None)  # the first look imports scipy
@@ -42,11 +25,6 @@ def test_the_line_is_that_of_scipy(xy: list[tuple[float, float]]) -> None:
     x, y = np.array(xy).T
     assume(len(set(x.tolist())) == len(x))  # of points of one x it makes something else
     assert repeated_medians(x, y) == pytest.approx(tuple(siegelslopes(y, x)), abs=1e-9)
-
-
-@given(st.lists(places, min_size=1, max_size=12))
-def test_a_median_is_that_of_everyone(values: list[float]) -> None:
-    assert float(median(np.array(values))) == statistics.median(values)
 
 
 def test_nearly_half_of_the_points_may_lie_anywhere() -> None:
