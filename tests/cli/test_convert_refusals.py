@@ -10,6 +10,7 @@ import resource
 import subprocess
 import sys
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -402,3 +403,20 @@ def test_a_bomb_takes_little_memory(files: Path, name: str) -> None:
     assert any(part in messages for part in told.split("|"))
     assert "Traceback" not in messages
     assert peak < 400
+
+
+def test_what_the_reader_of_logs_would_refuse_is_not_written(files: Path) -> None:
+    """Nanoseconds that a mapping takes for seconds lie beyond the times of a log."""
+    put(HEADER + "".join(f"{10**18 + t * 10**8},{0.2 * t},0,0,1\n" for t in range(20)))
+    told = refused("bad.csv --mapping csv.yaml -o out.jsonl")
+    assert told.startswith("bad.csv: would give a log that is refused: pose, t, found ")
+
+
+def test_a_turn_is_said_to_be_one(files: Path) -> None:
+    put(HEADER + rows() + "".join(f"{20 + t},3.8,{0.2 * t},1.57,\n" for t in range(9)))
+    assert run("bad.csv", "--mapping", "csv.yaml", "-o", "out.jsonl").exit_code == 0
+    records = map(json.loads, Path("out.jsonl").read_text().splitlines()[1:])
+    poses = [record for record in records if record["kind"] == "pose"]
+    turned = [pose.get("turned") for pose in poses]
+    assert turned == [None, *(b["heading"] != a["heading"] or None for a, b in pairwise(poses))]
+    assert turned.count(True) == 1

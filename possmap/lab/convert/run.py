@@ -24,7 +24,7 @@ from possmap.lab.convert.settings import ConvertSettings
 from possmap.lab.convert.tally import Tally
 from possmap.lab.recordings import Recording, open_recordings
 from possmap.lab.recordings.recording import left_out
-from possmap.logs.builder import ExcursionBuilder
+from possmap.logs.excursion import Excursion
 from possmap.logs.fields import Fault, record_of
 from possmap.logs.writing import LEG, LogWriter, check_name, is_folder, writing
 from possmap.settings.limits import Limits
@@ -169,7 +169,7 @@ class _Written:
         self._model = dict(model)
         self._legs = settings.legs is not None
         self._nesting = Limits().limit_nesting
-        self._checked = ExcursionBuilder()
+        self._checked = Excursion()
         self.end = writer.end
 
     def begin(self, leg: int) -> None:
@@ -181,7 +181,7 @@ class _Written:
         if self._model:
             head["model"] = self._model
         head["x_source"] = self._recording.name
-        self._checked = ExcursionBuilder()
+        self._checked = Excursion()
         self._writer.begin(head)
 
     def record(self, record: JsonRecord) -> None:
