@@ -1,38 +1,40 @@
-"""How true maps are: profiles of possmap and log-odds grids on the same logs, over many seeds.
+"""How true maps are: profiles and log-odds grids on the same logs and the same geometry.
 
-Drives teams through worlds, fuses what comes home under each profile, and holds all maps against
-the truth on one mask, as `possmap evaluate --beside` does. Prints the tables of docs/quality.md:
-medians over seeds, and reliability over all of them together.
+Drives teams through worlds, fuses what comes home under each profile and estimator, and holds all
+maps against the truth, as `possmap evaluate --beside` does. Prints, as Markdown, the tables of
+docs/quality.md: medians over seeds.
 
-    python tests/benchmarks/quality.py [--worlds report] [--seeds 20] [--jobs 2]
-    python tests/benchmarks/quality.py --worlds tuning --variant 'robust:max_error=0.7'
+    python tests/benchmarks/quality.py [--seeds 20] [--jobs 2] [--worlds maze ...]
+    python tests/benchmarks/quality.py --nights 60 [--house office] [--broken 25] [--keep DIR]
 
-Settings were chosen on the worlds called ``tuning``; those called ``report`` had no say in it.
-Floor plans are taken from ../shared where it is there, and left out where it is not.
+With --nights three robots go out every night in one house, all into one grid; --broken breaks the
+wheels of r3 from that night on, and --keep leaves the grids there, for `possmap audit`. Worlds
+marked * had a say in choosing settings. Floor plans are taken from ../shared where it is there,
+and left out where it is not.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
+import shutil
 import statistics
 import sys
 import tempfile
-from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from possmap.lab.evaluate.evaluate import Baselines
 
 from possmap.fusing.fuse import fuse
-from possmap.lab.evaluate.bayes import BayesSettings
+from possmap.lab.evaluate.bayes import LogOddsSettings
 from possmap.lab.evaluate.distance import squared_distances
+from possmap.lab.evaluate.methods import Baselines
 from possmap.lab.evaluate.results import Evaluation
 from possmap.lab.evaluate.run import Question, evaluate
-from possmap.lab.evaluate.smeared import SmearSettings
 from possmap.lab.simulate.run import simulate
 from possmap.settings.request import Request
 from possmap.settings.setting_table import parse_setting
@@ -60,93 +62,43 @@ class World:
     plan: str = ""
 
 
-WORLDS = {
-    "tuning": [
-        World("figure8", "figure8"),
-        World("office", "office"),
-        World("office, seed 21", "office", (("world.seed", "21"), ("world.size", "[24, 24]"))),
-    ],
-    "report": [
-        World("maze", "maze"),
-        World("drops", "drops"),
-        World("office, seed 8", "office", (("world.seed", "8"), ("world.size", "[40, 25]"))),
-        World("office, seed 9", "office", (("world.seed", "9"), ("world.size", "[25, 16]"))),
-        World("plan Freiburg79", "office", plan="Freiburg79_scan.png"),
-        World("plan lab_c", "office", plan="lab_c_scan.png"),
-        World("plan office_a", "office", plan="office_a.png"),
-        World("plan NLB", "office", plan="NLB.png"),
-    ],
+WORLDS = (
+    World("figure8 *", "figure8"),
+    World("office *", "office"),
+    World("office, seed 21 *", "office", (("world.seed", "21"), ("world.size", "[24, 24]"))),
+    World("maze", "maze"),
+    World("drops", "drops"),
+    World("office, seed 8", "office", (("world.seed", "8"), ("world.size", "[40, 25]"))),
+    World("office, seed 9", "office", (("world.seed", "9"), ("world.size", "[25, 16]"))),
+    World("plan Freiburg79", "office", plan="Freiburg79_scan.png"),
+    World("plan lab_c", "office", plan="lab_c_scan.png"),
+    World("plan office_a", "office", plan="office_a.png"),
+    World("plan NLB", "office", plan="NLB.png"),
+)
+
+GEOMETRIES: Mapping[str, Mapping[str, str]] = {
+    "walls": {"estimator": "walls", "orthogonal": "true", "turn_noise": "0.7"},
+    "heading": {"estimator": "heading", "turn_noise": "0.7"},
 }
-SHARED_ABSENT = "left out, since ../shared is not there"
+PROFILES = ("robust", "paper")
+TUNED = Baselines(smeared=LogOddsSettings(free=0.2))
+"""Of hit 0.4, 0.85, 1.7 and free 0.1 to 0.8 what ranked best on the worlds marked *."""
+
+MEASURES = {
+    "F1 15 cm": "f1_15cm", "F1 5 cm": "f1_5cm", "AUC": "auc", "walls called free": "dangerous_free",
+    "floor called free": "called_free", "at equal floor": "dangerous_at_equal_floor",
+}  # fmt: skip
+OF_GRIDS = ("rectangles hold", "half-width [m]", "contested")
+
+Scores = dict[str, dict[str, float]]
+"""By method, such as ``robust, walls``, and measure."""
 
 
-@dataclass(frozen=True)
-class Variant:
-    """Settings under which the logs are fused, by a name."""
-
-    name: str
-    profile: str = "robust"
-    settings: tuple[tuple[str, str], ...] = ()
-
-    @classmethod
-    def parse(cls, text: str) -> Variant:
-        """Read ``profile:key=value,...``."""
-        profile, _, rest = text.partition(":")
-        pairs = [pair.partition("=") for pair in rest.split(",") if pair]
-        return cls(text, profile, tuple((key, value) for key, _, value in pairs))
-
-    def request(self) -> Request:
-        """Return what to ask of fuse."""
-        given = {name: parse_setting(name, text, "--variant") for name, text in self.settings}
-        return Request(profile=self.profile, overrides=given)
-
-
-BODY = Variant("robust, path_width 0.15", settings=(("path_width", "0.15"),))
-
-TUNED = SmearSettings(free=0.2)
-"""Of hit 0.4, 0.85, 1.7 and free 0.1 to 0.8 what ranks best on the worlds called tuning."""
-
-MEASURES: dict[str, Callable[[Evaluation, str], float | None]] = {
-    "AUC": lambda e, m: e.methods[m].auc,
-    "F1 5 cm": lambda e, m: e.methods[m].f1_5cm,
-    "F1 15 cm": lambda e, m: e.methods[m].f1_15cm,
-    "Brier": lambda e, m: e.methods[m].brier.score,
-    "log score": lambda e, m: e.methods[m].log_score.score,
-    "refinement": lambda e, m: e.methods[m].log_score.refinement,
-    "dangerously free": lambda e, m: e.methods[m].dangerous_free,
-    "contradicted": lambda e, m: e.intervals[m].contradicted if m in e.intervals else None,
-    "left open": lambda e, m: e.intervals[m].sharpness if m in e.intervals else None,
-    "rectangles": lambda e, m: _rectangles(e, m, "coverage_by_length"),
-    "half-width": lambda e, m: _rectangles(e, m, "mean_half_width"),
-}
-
-Bins = dict[tuple[float, float], tuple[float, float, float]]
-"""By N's bounds: cells, sum of N, cells with a wall within the local rectangle."""
-
-
-@dataclass
-class Outcome:
-    """One mission's maps.
-
-    metres : truly run by each robot, on average; home : share of excursions.
-    scores : by method and measure.
-    lower : reliability of N, by method.
-    held : metres run, and those that ended within the rectangle, by method.
-    reference : F1 of calling all wall, and of true poses.
-    """
-
-    metres: float
-    home: float
-    scores: dict[tuple[str, str], float] = field(default_factory=dict)
-    lower: dict[str, Bins] = field(default_factory=dict)
-    held: dict[str, tuple[float, float]] = field(default_factory=dict)
-    reference: tuple[float | None, float | None] = (None, None)
-
-
-def _rectangles(found: Evaluation, method: str, name: str) -> float | None:
-    one = found.rectangles.get(method)
-    value: float | None = None if one is None else getattr(one, name)
-    return value
+def request(profile: str, geometry: str, more: Mapping[str, str] | None = None) -> Request:
+    """Return what to ask of fuse."""
+    given = {**GEOMETRIES[geometry], **(more or {})}
+    parsed = {name: parse_setting(name, text, "--set") for name, text in given.items()}
+    return Request(profile=profile, overrides=parsed)
 
 
 def home_of(plan: Path) -> tuple[float, float]:
@@ -159,118 +111,200 @@ def home_of(plan: Path) -> tuple[float, float]:
     return (column + 0.5) * PIXEL_M, (row + 0.5) * PIXEL_M
 
 
-def overrides(world: World, seed: int) -> dict[str, str]:
-    """Return the mission's values that a world changes."""
-    given = {"seed": str(seed), **dict(world.more)}
+def drive(world: World, folder: Path, given: Mapping[str, str]) -> int:
+    """Drive a mission into a folder; return how many excursions came home."""
+    mission, given = MISSIONS / f"{world.mission}.yaml", {**dict(world.more), **given}
     if world.plan:
         x, y = home_of(PLANS / world.plan)
-        image = f"{{image: {PLANS / world.plan}, resolution: {PIXEL_M}, home: [{x}, {y}]}}"
-        given["world"] = image
-    return given
+        plan = f"{{image: {PLANS / world.plan}, resolution: {PIXEL_M}, home: [{x}, {y}]}}"
+        lines = {"robots": "6", **given, "world": plan}
+        mission, given = folder.with_suffix(".yaml"), {}
+        mission.write_text("".join(f"{key}: {value}\n" for key, value in lines.items()))
+    return simulate(mission, folder, given).home
 
 
-def one(
-    world: World, variants: Sequence[Variant], baselines: Baselines, seed: int
-) -> Outcome | None:
-    """Drive, fuse and judge one mission; None if nobody came home."""
+def scores_of(found: Evaluation, names: Sequence[str], geometry: str) -> Scores:
+    """Return every method's scores; the grids by their names, the baselines by their own."""
+    scores: Scores = {}
+    called = dict(zip(found.grids, names, strict=True))
+    for key, method in found.methods.items():
+        name = f"{called.get(key, key)}, {geometry}"
+        told = {title: getattr(method, field) for title, field in MEASURES.items()}
+        grid = found.grids.get(key)
+        if grid is not None:
+            told["contested"] = grid.contested
+            if grid.rectangles is not None:
+                told["rectangles hold"] = grid.rectangles.coverage
+                told["half-width [m]"] = grid.rectangles.mean_half_width
+        scores[name] = {title: value for title, value in told.items() if value is not None}
+    return scores
+
+
+def one_mission(world: World, calibrated: bool, seed: int) -> Scores:
+    """Drive, fuse and judge one mission; empty if nobody came home."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "out"
-        mission = MISSIONS / f"{world.mission}.yaml"
-        if world.plan:
-            text = "\n".join(f"{key}: {value}" for key, value in overrides(world, seed).items())
-            mission = Path(name) / "mission.yaml"
-            mission.write_text(f"robots: 6\n{text}\n")
-            summary = simulate(mission, folder, {})
-        else:
-            summary = simulate(mission, folder, overrides(world, seed))
-        if not summary.home:
-            return None
-        grids = []
-        for number, variant in enumerate(variants):
-            grids.append(Path(name) / f"{number}.possmap")
-            fuse([str(folder / "logs")], grids[-1], variant.request())
-        question = Question(beside=tuple(grids[1:]), baselines=baselines)
-        found = evaluate(grids[0], folder / "truth.json", question)
-        names = dict(zip(found.methods, (v.name for v in variants), strict=False))
-        robots = {one.robot for one in summary.outings}
-        outcome = Outcome(
-            sum(one.distance for one in summary.outings) / len(robots),
-            summary.home / len(summary.outings),
-        )
-        for method in found.methods:
-            for measure, look in MEASURES.items():
-                value = look(found, method)
-                if value is not None:
-                    outcome.scores[names.get(method, method), measure] = value
-        for method, interval in found.intervals.items():
-            outcome.lower[names[method]] = {
-                (part.low, part.high): (
-                    part.cells,
-                    part.cells * part.mean,
-                    part.cells * part.wall_local,
-                )
-                for part in interval.lower_validity
-            }
-        for method, tracks in found.tracks.items():
-            steps = [np.diff(one.distance, prepend=0.0) for one in tracks]
-            inside = sum(float((s * o.inside).sum()) for s, o in zip(steps, tracks, strict=True))
-            outcome.held[names[method]] = float(sum(s.sum() for s in steps)), inside
-        reference = found.reference
-        outcome.reference = reference.all_wall_f1_15cm, reference.true_pose_f1_15cm
-        return outcome
+        told = {"seed": str(seed), "calibrated": str(calibrated).lower()}
+        if not drive(world, folder, told):
+            return {}
+        scores: Scores = {}
+        for geometry in GEOMETRIES:
+            grids = [Path(name) / f"{profile}-{geometry}.possmap" for profile in PROFILES]
+            for profile, grid in zip(PROFILES, grids, strict=True):
+                fuse([str(folder / "logs")], grid, request(profile, geometry))
+            question = Question(beside=tuple(grids[1:]), baselines=TUNED)
+            found = evaluate(grids[0], folder / "truth.json", question)
+            scores |= scores_of(found, PROFILES, geometry)
+        return scores
 
 
-def tables(world: World, outcomes: list[Outcome], methods: Sequence[str]) -> Iterator[str]:
-    """Yield the lines of one world's tables."""
-    metres = statistics.median(one.metres for one in outcomes)
-    home = statistics.mean(one.home for one in outcomes)
-    floor, ceiling = (
-        statistics.median(value for value in values if value is not None)
-        for values in zip(*(one.reference for one in outcomes), strict=True)
-    )
-    yield (
-        f"**{world.name}**: {len(outcomes)} missions, {metres:.0f} m a robot, {home:.0%} of the "
-        f"excursions came home; F1 15 cm of calling all wall {floor:.2f}, at true poses "
-        f"{ceiling:.2f}"
-    )
-    yield ""
-    yield f"| | {' | '.join(MEASURES)} |"
-    yield f"|{' --- |' * (len(MEASURES) + 1)}"
-    for method in methods:
-        cells = []
-        for measure in MEASURES:
-            values = [o.scores[method, measure] for o in outcomes if (method, measure) in o.scores]
-            cells.append(f"{statistics.median(values):.3f}" if values else "–")
-        yield f"| {method} | {' | '.join(cells)} |"
-    yield ""
-    yield "Rectangles hold the true place on " + ", ".join(
-        f"{_held(outcomes, method):.1%} of the way under {method}"
-        for method in methods
-        if method in outcomes[0].held
-    )
-    yield ""
-
-
-def _held(outcomes: Sequence[Outcome], method: str) -> float:
-    """Return the share of all the way that lies within rectangles: missions count by length."""
-    metres, inside = np.sum([one.held[method] for one in outcomes], axis=0)
-    return float(inside / metres)
-
-
-def reliability(outcomes: Sequence[Outcome], variants: Sequence[Variant]) -> Iterator[str]:
-    """Yield the table of N against walls within the local rectangle, over all missions."""
-    for variant in variants:
-        total: dict[tuple[float, float], np.ndarray] = defaultdict(lambda: np.zeros(3))
+def medians(outcomes: Sequence[Scores]) -> Scores:
+    """Return the median over missions of every measure; rectangles count by the mean."""
+    found: Scores = {}
+    for method in outcomes[0]:
+        columns: dict[str, list[float]] = {}
         for outcome in outcomes:
-            for bounds, counts in outcome.lower[variant.name].items():
-                total[bounds] += counts
-        yield f"N of {variant.name}, all missions together: mean N → share with a wall within"
-        yield "  ".join(
-            f"{sums[1] / sums[0]:.2f} → {sums[2] / sums[0]:.3f}"
-            for bounds, sums in sorted(total.items())
-            if bounds[1]
-        )
-        yield ""
+            for title, value in outcome.get(method, {}).items():
+                columns.setdefault(title, []).append(value)
+        found[method] = {
+            title: (statistics.mean if title == "rectangles hold" else statistics.median)(values)
+            for title, values in columns.items()
+        }
+    return found
+
+
+def table(first: str, rows: Iterable[tuple[str, Mapping[str, float]]]) -> Iterator[str]:
+    """Yield the lines of a table, a row for each method, world or night."""
+    titles = (*MEASURES, *OF_GRIDS)
+    yield f"| {first} | {' | '.join(titles)} |"
+    yield f"|{' --- |' * (len(titles) + 1)}"
+    for name, told in rows:
+        cells = (f"{told[title]:.3f}" if title in told else "" for title in titles)
+        yield f"| {name} | {' | '.join(cells)} |"
+    yield ""
+
+
+def worlds_study(options: argparse.Namespace) -> None:
+    """Print a table for each world, and one over all of them."""
+    seeds = range(options.first_seed, options.first_seed + options.seeds)
+    with ProcessPoolExecutor(options.jobs) as pool:
+        for calibrated in (True, False):
+            say(f"## Robots {'' if calibrated else 'not '}calibrated", "")
+            every: dict[str, Scores] = {}
+            for world in WORLDS:
+                if options.worlds and not any(one in world.name for one in options.worlds):
+                    continue
+                if world.plan and not (PLANS / world.plan).exists():
+                    say(f"**{world.name}**: left out, since ../shared is not there", "")
+                    continue
+                outcomes = list(pool.map(partial(one_mission, world, calibrated), seeds))
+                outcomes = [one for one in outcomes if one]
+                if not outcomes:
+                    continue
+                every[world.name] = medians(outcomes)
+                say(f"**{world.name}**: {len(outcomes)} missions, medians", "")
+                say(*table("method", every[world.name].items()))
+            if every:
+                say("**All worlds**: means of their medians", "")
+                say(*table("method", means(list(every.values())).items()))
+                say(*winners(every))
+
+
+def means(worlds: Sequence[Scores]) -> Scores:
+    """Return the mean over worlds of every measure."""
+    return {
+        method: {
+            title: statistics.mean(one[method][title] for one in worlds if title in one[method])
+            for title in told
+        }
+        for method, told in worlds[0].items()
+    }
+
+
+def winners(every: Mapping[str, Scores]) -> Iterator[str]:
+    """Yield on how many worlds robust is first among the methods of each geometry."""
+    for geometry in GEOMETRIES:
+        for title in ("F1 15 cm", "AUC"):
+            behind = {}
+            for world, scores in every.items():
+                rivals = [
+                    told[title]
+                    for method, told in scores.items()
+                    if method.startswith("bayes") and method.endswith(geometry)
+                ]
+                gap = max(rivals) - scores[f"robust, {geometry}"][title]
+                if gap > 0:
+                    behind[world] = gap
+            told_gaps = ", ".join(f"{world} by {gap:.3f}" for world, gap in behind.items())
+            yield (
+                f"- {title} on {geometry}' geometry: robust is first on "
+                f"{len(every) - len(behind)} of {len(every)} worlds"
+                + (f", behind on {told_gaps}" if behind else "")
+            )
+    yield ""
+
+
+def nights_study(options: argparse.Namespace) -> None:
+    """Print how a map fares that grows night by night."""
+    (house,) = (world for world in WORLDS if world.name.rstrip(" *") == options.house)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(options.keep or name)
+        folder.mkdir(parents=True, exist_ok=True)
+        grids = {geometry: folder / f"{geometry}.possmap" for geometry in options.geometry}
+        truth: dict[str, object] = {"possmap_truth": 1, "walls": [], "robots": [], "meetings": []}
+        rows: dict[str, list[tuple[str, Mapping[str, float]]]] = {}
+        for night in range(1, options.nights + 1):
+            logs = folder / f"night-{night:02d}"
+            one_night(house, night, logs, truth, options)
+            for geometry, grid in grids.items():
+                fuse([str(logs)], grid, request("robust", geometry))
+            if night not in (1, 10, 30, 45, 60, options.nights):
+                continue
+            (folder / "truth.json").write_text(json.dumps(truth))
+            for geometry, grid in grids.items():
+                found = evaluate(grid, folder / "truth.json", Question(baselines=TUNED))
+                for method, told in scores_of(found, ["robust"], geometry).items():
+                    rows.setdefault(method, []).append((f"{night}", told))
+                if options.keep:
+                    shutil.copy(grid, folder / f"{geometry}-after-{night}.possmap")
+        for method, told_rows in rows.items():
+            say(f"**{method}**, {house.name}", "", *table("night", told_rows))
+
+
+def one_night(
+    house: World, night: int, logs: Path, truth: dict[str, object], options: argparse.Namespace
+) -> None:
+    """Drive one night's mission; write its logs, and add what is true to the truth.
+
+    Excursions are named after the night. The broken robot's come from a mission of the same seed
+    in which all wheels are as worn as its own.
+    """
+    broken = options.broken is not None and night >= options.broken
+    robots: list[object] = truth["robots"]  # type: ignore[assignment]
+    logs.mkdir()
+    for worn in (False, True) if broken else (False,):
+        with tempfile.TemporaryDirectory() as name:
+            out = Path(name) / "out"
+            given = {"seed": str(options.first_seed + night), "robots": "3", "exchange": "false"}
+            if not options.calibrated:
+                given["calibrated"] = "false"
+            drive(house, out, {**given, **({"drift": "4.0", "turn_noise": "3.0"} if worn else {})})
+            told = json.loads((out / "truth.json").read_text())
+            truth.update(walls=told["walls"], home=told["home"])
+            for path in sorted((out / "logs").iterdir()):
+                log = json.loads(path.read_text())
+                if not broken or (log["robot"] == "r3") == worn:
+                    log["excursion"] = f"n{night:02d}-{log['excursion']}"
+                    (logs / f"{log['robot']}-{path.name}").write_text(json.dumps(log))
+            for one in told["robots"]:
+                if not broken or (one["robot"] == "r3") == worn:
+                    robots.append({**one, "excursion": f"n{night:02d}-{one['excursion']}"})
+
+
+def say(*lines: str) -> None:
+    """Print lines at once."""
+    sys.stdout.write("\n".join(lines) + "\n")
+    sys.stdout.flush()
 
 
 def main() -> None:
@@ -278,54 +312,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("--worlds", choices=[*WORLDS, "all"], default="report")
-    parser.add_argument("--only", help="only worlds whose name holds this")
+    parser.add_argument("--worlds", nargs="*", help="only worlds whose names hold one of these")
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=101)
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--variant", action="append", default=[], metavar="PROFILE:KEY=VALUE,...")
-    parser.add_argument("--hit", type=float)
-    parser.add_argument("--free", type=float)
-    parser.add_argument("--smeared-hit", type=float)
-    parser.add_argument("--smeared-free", type=float)
-    parser.add_argument("--smeared-height", choices=["mass", "peak"])
+    parser.add_argument("--nights", type=int, help="the study of so many nights in one house")
+    parser.add_argument("--house", default="office", help="where, one of the worlds")
+    parser.add_argument("--geometry", nargs="*", default=["walls"], choices=[*GEOMETRIES])
+    parser.add_argument("--broken", type=int, metavar="NIGHT", help="r3's wheels from then on")
+    parser.add_argument("--calibrated", action=argparse.BooleanOptionalAction, default=True)
+    parser.add_argument("--keep", help="a new folder for the grids and logs of the nights")
     options = parser.parse_args()
-    variants = [Variant("robust"), Variant("paper", "paper"), BODY]
-    variants += [Variant.parse(text) for text in options.variant]
-    given = {k: v for k, v in (("hit", options.hit), ("free", options.free)) if v is not None}
-    smeared = {
-        key: value
-        for key, value in (
-            ("hit", options.smeared_hit),
-            ("free", options.smeared_free),
-            ("height", options.smeared_height),
-        )
-        if value is not None
-    }
-    baselines = Baselines(replace(BayesSettings(), **given), replace(TUNED, **smeared))
-    sets = WORLDS if options.worlds == "all" else [options.worlds]
-    chosen = [world for name in sets for world in WORLDS[name]]
-    seeds = range(options.first_seed, options.first_seed + options.seeds)
-    everything: list[Outcome] = []
-    with ProcessPoolExecutor(options.jobs) as pool:
-        for world in chosen:
-            if options.only and options.only not in world.name:
-                continue
-            if world.plan and not (PLANS / world.plan).exists():
-                say(f"**{world.name}**: {SHARED_ABSENT}", "")
-                continue
-            drive = partial(one, world, variants, baselines)
-            outcomes = [outcome for outcome in pool.map(drive, seeds) if outcome is not None]
-            everything += outcomes
-            names = [*(variant.name for variant in variants), "bayes", "bayes-smeared"]
-            say(*tables(world, outcomes, names))
-    say(*reliability(everything, variants))
-
-
-def say(*lines: str) -> None:
-    """Print lines at once."""
-    sys.stdout.write("\n".join(lines) + "\n")
-    sys.stdout.flush()
+    (nights_study if options.nights else worlds_study)(options)
 
 
 if __name__ == "__main__":
