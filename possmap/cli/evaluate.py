@@ -13,6 +13,7 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
+    from possmap.grid.selection import Selection
     from possmap.lab.evaluate.results import Evaluation
     from possmap.lab.evaluate.validity import Bin
 
@@ -56,6 +57,7 @@ OF_GRIDS = ("auc_necessity", "sharpness", "contested", "contradicted", "mean_con
     help="Judge another grid of the same logs on the same cells; again for more.",
 )
 @options.window
+@options.selection
 @options.base_rate
 @click.option(
     "--picture", type=click.Path(path_type=Path), metavar="OUT.png", help="Draw a report."
@@ -69,6 +71,7 @@ def evaluate(
     truth_origin: tuple[float, float] | None,
     beside: tuple[Path, ...],
     window: tuple[float, float, float, float] | None,
+    selection: Selection,
     config: Path | None,
     base_rate: float | None,
     picture: Path | None,
@@ -91,6 +94,7 @@ def evaluate(
         window_m=window,
         truth_resolution=truth_resolution,
         truth_origin=truth_origin,
+        selection=selection,
     )
     found = judge(grid, truth, question, picture, overwrite)
     if as_json:

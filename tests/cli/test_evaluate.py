@@ -206,6 +206,17 @@ def test_a_window_narrows_what_is_judged(tmp_path: Path) -> None:
     )  # fmt: skip
 
 
+def test_a_selection_judges_some_excursions_alone(tmp_path: Path) -> None:
+    alone = judged(fused(tmp_path), written(tmp_path, TRUTH))
+    other = json.loads(json.dumps(LOG)) | {"excursion": "b"}
+    other["records"] = other["records"][:3]
+    grid = fused(tmp_path, other)
+    both = judged(grid, tmp_path / "truth.json")
+    assert both["notes"] == ["1 of 2 excursions match no true track by their times"]
+    one = judged(grid, tmp_path / "truth.json", "--excursions", "a*")
+    assert one["methods"] == alone["methods"] and one["notes"] == []
+
+
 def without_times(log: dict[str, Any]) -> dict[str, Any]:
     records = [{k: v for k, v in record.items() if k != "t"} for record in log["records"]]
     return {**log, "records": records}

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,9 @@ from possmap.core.lattice import Lattice, Window
 from possmap.core.views import Readout
 from possmap.errors import OutputError, printable, shown
 from possmap.exports.run import refuse_itself
+from possmap.grid.copying import selected
 from possmap.grid.grid import Grid
+from possmap.grid.selection import Selection
 from possmap.lab.evaluate.frame import TruthError, doubts_of_frame
 from possmap.lab.evaluate.methods import (
     MOST_CELLS,
@@ -45,6 +48,7 @@ class Question:
     base_rate : of the view ``probability``.
     window_m : only this rectangle.
     truth_resolution, truth_origin : of a truth that is a bare image.
+    selection : only these excursions of each grid.
     """
 
     beside: tuple[Path, ...] = ()
@@ -53,6 +57,7 @@ class Question:
     truth_resolution: float | None = None
     truth_origin: tuple[float, float] | None = None
     baselines: Baselines | None = None
+    selection: Selection = field(default_factory=Selection)
 
 
 def evaluate(
@@ -77,10 +82,23 @@ def evaluate(
     if picture is not None:
         _check_picture(path, picture, overwrite)
     true = read_any_truth(truth, Limits(), question.truth_resolution, question.truth_origin)
-    read = {"possmap": _Read.of(path)}
+    with ExitStack() as stack:
+        paths = {"possmap": path}
+        for other in question.beside:
+            paths[_name(other, paths)] = other
+        read = {
+            name: _Read.of(one, stack.enter_context(selected(one, question.selection)))
+            for name, one in paths.items()
+        }
+        found = _judged(read, true, truth, question)
+        if picture is not None:
+            draw_report(read["possmap"].part, found, picture, overwrite)
+    return found
+
+
+def _judged(read: Mapping[str, _Read], true: Truth, truth: Path, question: Question) -> Evaluation:
     first = read["possmap"]
-    for other in question.beside:
-        read[_name(other, read)] = _Read.of(other)
+    path = first.path
     for one in read.values():
         if one.resolution != first.resolution:
             raise TruthError(
@@ -106,10 +124,7 @@ def evaluate(
             f"{printable(str(truth))}: none of its walls lies in the {found.mask_cells} cells that "
             "any method touched: is it of another frame or resolution?"
         )
-    found = replace(found, notes=(*doubts, *found.notes))
-    if picture is not None:
-        draw_report(path, found, picture, overwrite)
-    return found
+    return replace(found, notes=(*doubts, *found.notes))
 
 
 def _check_picture(path: Path, picture: Path, overwrite: bool) -> None:
@@ -138,16 +153,20 @@ def _no_cell(path: Path) -> TruthError:
 
 @dataclass(frozen=True, eq=False)
 class _Read:
-    """A grid as far as it is read before the window is known."""
+    """A grid as far as it is read before the window is known.
+
+    part : a grid of the excursions that are meant; ``path`` itself, if all are.
+    """
 
     path: Path
+    part: Path
     resolution: float
     evidence: Window | None
     excursions: tuple[JudgedExcursion, ...]
 
     @classmethod
-    def of(cls, path: Path) -> _Read:
-        with Grid(path) as grid, grid.snapshot():
+    def of(cls, path: Path, part: Path) -> _Read:
+        with Grid(part) as grid, grid.snapshot():
             settings = grid.settings
             excursions = []
             for entry in grid.ledger.entries():
@@ -155,10 +174,10 @@ class _Read:
                 excursions.append(JudgedExcursion.of(version, entry.model, settings))
             if not any(one.found.evidence for one in excursions):
                 raise TruthError(f"{printable(str(path))}: holds no evidence, so nothing to judge")
-            return cls(path, settings.resolution, grid.window, tuple(excursions))
+            return cls(path, part, settings.resolution, grid.window, tuple(excursions))
 
     def candidate(self, window: Window) -> Candidate:
-        with Grid(self.path) as grid, grid.snapshot():
+        with Grid(self.part) as grid, grid.snapshot():
             layers = []
             for layer in (Layer.WALLS, Layer.FREE):
                 whole = np.zeros(window.shape, dtype=np.int64)
