@@ -24,14 +24,20 @@ from possmap.cli import options
 def config(grid: Path | None, as_json: bool, **settings: Any) -> None:
     """Print the settings in force, as YAML to edit and give back with --config.
 
-    --set beats --resolution beats --config beats --profile beats the defaults, which are the
-    paper's. A log's own error model beats them all, unless accept_models is false.
+    --set beats --resolution beats --config beats --profile beats the default. A log's own error
+    model beats them all, unless accept_models is false.
     """
+    from possmap.grid.grid import Grid
+    from possmap.settings.request import in_force
     from possmap.settings.settings import flat
     from possmap.settings.settings_yaml import to_yaml
-    from possmap.show_config import config as resolve
 
-    found = resolve(options.request(**settings), grid)
+    given = options.request(**settings).given()
+    if grid is None:
+        found = in_force(given)
+    else:
+        with Grid(grid) as known:
+            found = in_force(given, known.stored_settings(), grid)
     if as_json:
         robots = {robot: dict(parameters) for robot, parameters in found.robots.items()}
         click.echo(json.dumps({**flat(found), "robots": robots}))

@@ -15,9 +15,8 @@ from troupes import NO_ERRORS, drive, excursions, hall, logs_of, shipped_world, 
 
 from possmap.core.model import ErrorModel
 from possmap.lab.simulate.body import Place
-from possmap.lab.simulate.logbook import RECORD_BYTES, Logbook, Name
+from possmap.lab.simulate.logbook import RECORD_BYTES, Logbook, Name, exchange, seconds_of
 from possmap.lab.simulate.mission import Mission
-from possmap.lab.simulate.radio import exchange, seconds_of
 from possmap.lab.simulate.settings import MissionSettings
 from possmap.lab.simulate.summary import host_knows, in_order
 

@@ -1,20 +1,60 @@
-"""A robot's memory: its own records, and those that others handed over (METHOD §5)."""
+"""A robot's memory: its belief and records, and what others handed over (METHOD §5).
+
+What is handed over are always beginnings, never gaps.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+from possmap.core.correction import Believed, advance
+from possmap.core.estimators import at_start
 from possmap.core.model import ErrorModel
+from possmap.core.propagation import CarriedError, after_stretch
 from possmap.core.records import Beam, Corner, CornerKind, Meet, Pose, Record, Sighting, Wall
 from possmap.core.settings import Estimator
-from possmap.lab.simulate.odometry import Belief, setting_out
+from possmap.core.track import Stretch
 
 RECORD_BYTES = 24
 """What a record costs on air and on board."""
 
 Name: TypeAlias = tuple[str, str]
 JsonRecord: TypeAlias = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Belief:
+    """A robot's idea of where it is.
+
+    logged : the last pose as it stands in its log.
+    corrected : the same, corrected as the host will (METHOD §1).
+    error : its own estimate of what may be wrong, by the host's propagation.
+    """
+
+    logged: Pose
+    corrected: Believed
+    error: CarriedError
+
+    @property
+    def heading(self) -> float:
+        """The corrected heading [rad]."""
+        return math.radians(self.logged.heading_deg + self.corrected.correction_deg)
+
+    @property
+    def worst(self) -> float:
+        """The larger half-width of its error estimate [m]."""
+        return max(self.error.rectangle.half_x, self.error.rectangle.half_y)
+
+    def after(self, pose: Pose, seen: tuple[Sighting, ...], model: ErrorModel) -> Belief:
+        """Return the belief at the next pose, given what was seen since the last."""
+        numbered = tuple(enumerate(seen))
+        stretch = Stretch.between(self.logged, pose, len(seen), numbered)
+        corrected, laid = advance(self.corrected, stretch, model)
+        error, _ = after_stretch(self.error, laid, model)
+        return Belief(pose, corrected, error)
 
 
 class Held:
@@ -73,7 +113,7 @@ class Logbook:
         seq = len(self.own.records)
         pose = Pose(seq, t, x + 0.0, y + 0.0, heading_deg + 0.0, turned=turned)
         if self._belief is None:
-            self._belief = setting_out(pose, self._estimator)
+            self._belief = Belief(pose, Believed((pose.x, pose.y)), at_start(pose, self._estimator))
         else:
             self._belief = self._belief.after(pose, tuple(self._seen), self._model)
         self._seen.clear()
@@ -122,3 +162,54 @@ class Logbook:
 def _head(name: Name, held: Held) -> dict[str, Any]:
     head: dict[str, Any] = {"robot": name[0], "excursion": name[1]}
     return {**head, "model": held.model} if held.model else head
+
+
+def exchange(one: Logbook, other: Logbook, budget_bytes: int, memory_bytes: int) -> tuple[int, int]:
+    """Let two robots hand over what the other lacks, until the time they stop for is used up.
+
+    Parameters
+    ----------
+    budget_bytes
+        What the link carries in that time, for both together.
+    memory_bytes
+        What each can hold.
+
+    Returns
+    -------
+    tuple
+        Records that ``one`` gave, and that it took.
+    """
+    records = budget_bytes // RECORD_BYTES
+    # Half the time each; what one does not need, the other may use.
+    given = _hand_over(one, other, records // 2, memory_bytes)
+    taken = _hand_over(other, one, records - given, memory_bytes)
+    given += _hand_over(one, other, records - given - taken, memory_bytes)
+    return given, taken
+
+
+def _hand_over(giver: Logbook, taker: Logbook, most: int, memory_bytes: int) -> int:
+    """Hand over own records first, then relayed excursions, each from the first that is lacking."""
+    most = min(most, max(0, memory_bytes - taker.bytes) // RECORD_BYTES)
+    handed = 0
+    for name, held in [(giver.name, giver.own), *sorted(giver.relayed.items())]:
+        if handed == most:
+            break
+        if name != taker.name:
+            handed += _top_up(taker.relayed, name, held, most - handed)
+    return handed
+
+
+def _top_up(relayed: dict[Name, Held], name: Name, held: Held, most: int) -> int:
+    known = relayed.get(name)
+    have = len(known.records) if known else 0
+    news = held.records[have : have + most]
+    if news:
+        if known is None:
+            known = relayed[name] = Held(held.model)
+        known.records += news
+    return len(news)
+
+
+def seconds_of(records: int, rate: float) -> float:
+    """Return how long the transfer of so many records takes [s], at a rate in bytes per second."""
+    return records * RECORD_BYTES / rate

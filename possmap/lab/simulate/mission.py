@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from possmap.lab.simulate.body import Place
+from possmap.lab.simulate.logbook import exchange, seconds_of
 from possmap.lab.simulate.perception import strip_of
-from possmap.lab.simulate.radio import exchange, seconds_of
 from possmap.lab.simulate.robot import Robot
 from possmap.lab.simulate.settings import MissionSettings
 from possmap.lab.simulate.steering import Done, Motion, Steps
