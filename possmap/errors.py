@@ -32,6 +32,9 @@ class LogError(PossmapError):
         self.place = place
         self.problem = problem
 
+    def __reduce__(self) -> tuple[object, ...]:
+        return type(self), (self.place, self.problem)  # as it goes from one process to another
+
 
 class ConflictError(LogError):
     """A version of an excursion that disagrees with one already known (METHOD §3, Versions)."""

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from operator import attrgetter
 from types import NoneType
 from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, get_args, get_type_hints
 
@@ -189,6 +191,11 @@ class PartialMap:
     records: tuple[Record, ...]
     extra: str = field(default="", compare=False)
 
+    def __reduce__(self) -> tuple[object, ...]:
+        # As plain tuples: five times as fast as hundreds of objects, each pickled by itself.
+        records = [(KIND_OF[type(one)], *_CONTENT[type(one)](one)) for one in self.records]
+        return _restored, (self.robot, self.excursion, self.model, records, self.extra)
+
     @property
     def name(self) -> tuple[str, str]:
         """Robot and excursion."""
@@ -205,6 +212,20 @@ class PartialMap:
         if count >= len(self.records):
             return self
         return PartialMap(self.robot, self.excursion, self.model, self.records[:count], self.extra)
+
+
+_CONTENT = {
+    kind: attrgetter(*(one.name for one in dataclasses.fields(kind))) for kind in KINDS.values()
+}
+
+
+def _restored(
+    robot: str, excursion: str, model: OwnModel, records: Iterable[tuple[Any, ...]], extra: str
+) -> PartialMap:
+    """Return a partial map that was pickled."""
+    make: dict[str, Callable[..., Record]] = {**KINDS}
+    made = tuple(make[kind](*values) for kind, *values in records)
+    return PartialMap(robot, excursion, model, made, extra)
 
 
 class Difference(NamedTuple):

@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 from possmap.core.estimators import estimate
 from possmap.core.linear import LinearError
@@ -16,7 +17,8 @@ from possmap.core.settings import EvidenceSettings
 from possmap.core.track import stretches, waiting
 from possmap.errors import PossmapError
 from possmap.fusing import inputs
-from possmap.fusing.judge import Judge
+from possmap.fusing.joining import Joining
+from possmap.fusing.layout import LaidOut, Version, lay_out
 from possmap.logs.delivery import LogFile
 from possmap.progress import Progress, quiet
 from possmap.settings.request import Request, in_force
@@ -88,21 +90,25 @@ def check(
         If a given setting is wrong.
     """
     settings = in_force((request or Request()).given())
-    judge = Judge(settings)
+    joining = Joining(settings)
     names = progress(list(inputs.expand(logs)), "log")
-    return CheckSummary(tuple(_checked(name, judge, settings, allow_truncated) for name in names))
+    return CheckSummary(tuple(_checked(name, joining, settings, allow_truncated) for name in names))
 
 
-def _checked(name: str, judge: Judge, settings: Settings, allow_truncated: bool) -> CheckedFile:
+def _checked(name: str, joining: Joining, settings: Settings, allow_truncated: bool) -> CheckedFile:
     try:
         log = inputs.read(name, settings.limits, allow_truncated)
-        judge.take(log)
+        joining.join(log, partial(_laid_out, settings))
     except PossmapError as error:
         return CheckedFile(name, error=str(error))
     note = (
         f"{log.cut_short}: the last line is cut short and was left out" if log.cut_short else None
     )
     return CheckedFile(name, tuple(_inspections(log, settings)), note=note)
+
+
+def _laid_out(settings: Settings, versions: Sequence[Version]) -> Iterator[LaidOut]:
+    return (lay_out(one, settings.evidence, settings.limits) for one in versions)
 
 
 def _inspections(log: LogFile, settings: Settings) -> Iterator[Inspection]:

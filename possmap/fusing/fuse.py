@@ -5,29 +5,40 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
+from itertools import groupby
 from pathlib import Path
 from typing import Literal, TypeAlias
 
 from possmap.budget import Budget
-from possmap.errors import LogError, WorkerError, printable
-from possmap.fusing import crew, inputs
-from possmap.fusing.crew import Crew
-from possmap.fusing.judge import Judge
-from possmap.fusing.stages import Read, ReadTask
+from possmap.core.plan import TileWork, by_tile
+from possmap.core.settings import EvidenceSettings
+from possmap.errors import LogError, TileError, WorkerError, printable
+from possmap.fusing import inputs
+from possmap.fusing.executors import SERIAL, Hands, hands
+from possmap.fusing.joining import Joining
+from possmap.fusing.layout import LaidOut, Reach, StoredTile, Version, lay_out, stamp
+from possmap.fusing.reading import How, Read, read_logs
+from possmap.grid.arrivals import Arrival
 from possmap.grid.grid import Grid
+from possmap.grid.ledger import Ledger
 from possmap.grid.opening import check_file
 from possmap.progress import Progress, quiet
 from possmap.release import version
 from possmap.settings.request import Request, in_force
+from possmap.settings.setting_table import Value
 from possmap.settings.settings import Settings
 
 log = logging.getLogger(__name__)
 
 DEFAULT_MIB = 4096
 """Enough for the largest log that the limits let in."""
+
+READ_AT_ONCE = 2**18
+"""Bytes of logs that are worth sending to a worker."""
 
 Status: TypeAlias = Literal["fused", "known", "refused"]
 
@@ -52,11 +63,13 @@ class Outcome:
 class FuseSummary:
     """What a run of ``fuse`` did, or with ``dry_run`` would have done.
 
+    reach : of the excursions that grew, by robot and excursion: how much they can say.
     seconds : by the clock on the wall.
     """
 
     grid: Path
     logs: tuple[Outcome, ...]
+    reach: dict[tuple[str, str], Reach]
     seconds: float
 
     @property
@@ -82,6 +95,7 @@ def fuse(
     strict: bool = False,
     dry_run: bool = False,
     allow_truncated: bool = False,
+    recursive: bool = False,
     jobs: int = 1,
     dask: str | None = None,
     budget: Budget | None = None,
@@ -104,6 +118,8 @@ def fuse(
         Read and judge only; nothing is written.
     allow_truncated
         Use JSON Lines whose last line was cut short, without that line.
+    recursive
+        Take the logs of folders within folders, too.
     jobs
         Processes that read, lay out and stamp.
     dask
@@ -126,40 +142,62 @@ def fuse(
         For a cluster or a URL, if the extra ``cluster`` is not installed.
     """
     start = time.perf_counter()
-    budget = budget or Budget(DEFAULT_MIB)
-    given = (request or Request()).given()
-    stored = None
-    if _holds_anything(grid):
-        # For writing, though nothing is: what an interrupted run left may hold nothing yet.
-        with Grid(grid, write=True) as known:
-            stored = None if known.is_new else known.stored_settings()
-    settings = in_force(given, stored, grid)
-    names = progress(list(inputs.expand(logs)), "log")
+    budget, given = budget or Budget(DEFAULT_MIB), (request or Request()).given()
     outcomes: list[Outcome] = []
-    with _enough_memory(), _crew(jobs, dask, budget) as hands:
-        foresee = settings if hands.foresees and not dry_run else None
-        how = ReadTask((), settings.limits, allow_truncated, budget, foresee)
-        reading = hands.read(names, how)
-        if dry_run:
-            outcomes += _rehearse(reading, grid, settings, strict)
-        else:
-            # With --strict all is one transaction, so that the last log can still undo the first.
-            most = min(settings.limits.transaction_records, budget.batch_records)
-            for batch in _batches(reading, None if strict else most, budget):
-                outcomes += _commit(batch, grid, settings, strict, hands, budget, progress)
-    return FuseSummary(grid, tuple(outcomes), time.perf_counter() - start)
+    reach: dict[tuple[str, str], Reach] = {}
+    with _enough_memory(), ExitStack() as stack:
+        site = _Site(grid, budget, stack)
+        settings = in_force(given, site.settings, grid)
+        names = progress(list(inputs.expand(logs, recursive)), "log")
+        workers = stack.enter_context(hands(jobs, dask, budget))
+        reading = _read(names, How(settings, allow_truncated, budget, workers.folder), workers)
+        rehearsal = Joining(settings, site.ledger, grid, strict)
+        # A transaction holds some logs; with --strict all, so that the last can undo the first.
+        most = min(settings.limits.transaction_records, budget.batch_records)
+        for batch in _batches(reading, None if strict else most, budget):
+            if dry_run:
+                joining = rehearsal
+                outcomes += _joined(joining, batch, workers)
+            else:
+                joining, done = _added(batch, site, settings, strict, workers, progress)
+                outcomes += done
+            reach |= {name: one.reach for name, one in joining.laid_out.items()}
+            joining.let_go()
+    return FuseSummary(grid, tuple(outcomes), reach, time.perf_counter() - start)
 
 
-def _holds_anything(grid: Path) -> bool:
-    return check_file(grid, write=True)
+class _Site:
+    """The grid, opened once: at first if the file holds anything, else for what is new in it."""
 
+    def __init__(self, path: Path, budget: Budget, stack: ExitStack) -> None:
+        self.path, self._budget, self._stack = path, budget, stack
+        # For writing, though nothing may be: what an interrupted run left may hold nothing yet.
+        self._grid = self._open() if check_file(path, write=True) else None
 
-def _crew(jobs: int, dask: str | None, budget: Budget) -> AbstractContextManager[Crew]:
-    if dask is None:
-        return crew.local(jobs, budget)
-    from possmap.fusing.cluster.crew import cluster  # needs what few have
+    def _open(self) -> Grid:
+        return self._stack.enter_context(Grid(self.path, write=True, budget=self._budget))
 
-    return cluster(dask)
+    @property
+    def is_there(self) -> bool:
+        """Whether there is a file that holds anything."""
+        return self._grid is not None
+
+    @property
+    def grid(self) -> Grid:
+        """The grid, which is made if there is none."""
+        if self._grid is None:
+            self._grid = self._open()
+        return self._grid
+
+    @property
+    def ledger(self) -> Ledger | None:
+        """Its ledger; None if nothing was ever committed."""
+        return None if self._grid is None or self._grid.is_new else self._grid.ledger
+
+    @property
+    def settings(self) -> dict[str, Value] | None:
+        """Those that it keeps; None if it keeps none yet."""
+        return None if self._grid is None or self._grid.is_new else self._grid.stored_settings()
 
 
 @contextmanager
@@ -173,6 +211,35 @@ def _enough_memory() -> Iterator[None]:
         ) from error
 
 
+def _read(names: Iterable[str], how: How, workers: Hands) -> Iterator[Read]:
+    """Read logs in the order given; others than this process lay out at once what is in them."""
+    # Stdin is nobody's but this process's, and a grid may lie where no worker sees it.
+    for is_here, some in groupby(names, key=lambda name: name == "-" or inputs.is_grid(name)):
+        own = is_here or not workers.are_others
+        tasks = ((chunk, how, not own) for chunk in _chunks(some))
+        for reads in (SERIAL if own else workers).map(read_logs, tasks, _read_bytes):
+            yield from reads
+
+
+def _chunks(names: Iterable[str]) -> Iterator[list[str]]:
+    """Gather names of files that are worth sending to a worker together."""
+    chunk: list[str] = []
+    size = 0
+    for name in names:
+        its_size = inputs.text_of(name)
+        if chunk and size + its_size > READ_AT_ONCE:
+            yield chunk
+            chunk, size = [], 0
+        chunk.append(name)
+        size += its_size
+    if chunk:
+        yield chunk
+
+
+def _read_bytes(names: Sequence[str], *_: object) -> int:
+    return 6 * sum(map(inputs.text_of, names))  # measured, as read and laid out
+
+
 def _batches(reading: Iterable[Read], most: int | None, budget: Budget) -> Iterator[list[Read]]:
     """Gather files until they hold ``most`` records: what is in memory, and in one transaction."""
     batch: list[Read] = []
@@ -181,8 +248,8 @@ def _batches(reading: Iterable[Read], most: int | None, budget: Budget) -> Itera
         batch.append(one)
         if one.log is not None:
             # A ledger's versions of one excursion share its records.
-            wholes = {id(one.parcel.whole): one.parcel.whole for one in one.log.deliveries}
-            records += sum(whole.count for whole in wholes.values())
+            wholes = {id(one.whole): one.whole for one in one.log.deliveries}
+            records += sum(len(whole.records) for whole in wholes.values())
         if most is None:
             budget.check_together(records)
         elif records >= most:
@@ -192,94 +259,110 @@ def _batches(reading: Iterable[Read], most: int | None, budget: Budget) -> Itera
         yield batch
 
 
-def _rehearse(
-    reading: Iterable[Read], path: Path, settings: Settings, strict: bool
-) -> list[Outcome]:
-    """Judge everything and write nothing."""
-    if not _holds_anything(path):
-        return _judge(Judge(settings, None, path, strict), reading, strict)
-    with Grid(path, write=True) as grid:
-        ledger = None if grid.is_new else grid.ledger
-        return _judge(Judge(settings, ledger, path, strict), reading, strict)
-
-
-def _commit(
+def _added(
     batch: list[Read],
-    path: Path,
+    site: _Site,
     settings: Settings,
     strict: bool,
-    hands: Crew,
-    budget: Budget,
+    workers: Hands,
     progress: Progress,
-) -> list[Outcome]:
-    """Judge a batch and write what is new in it, in one transaction."""
-    judge = Judge(settings, None, path, strict)
-    outcomes: list[Outcome] | None = None
-    if not _holds_anything(path):
-        outcomes = _judge(judge, batch, strict)
-        if not judge.accepted:
-            return outcomes  # no grid is made for nothing
-    with Grid(path, write=True, budget=budget) as grid, grid.transaction():
-        if not grid.is_new:
+) -> tuple[Joining, list[Outcome]]:
+    """Add what is new in a batch to the grid, in one transaction."""
+    joining, outcomes = Joining(settings, None, site.path, strict), None
+    if not site.is_there:
+        outcomes = _joined(joining, batch, workers)
+        if not joining.laid_out:
+            return joining, outcomes  # no grid is made for nothing
+    with site.grid.transaction():
+        if not site.grid.is_new:
             # Inside the transaction, so that nobody else can add an excursion in between.
-            judge, outcomes = Judge(settings, grid.ledger, path, strict), None
+            joining, outcomes = Joining(settings, site.ledger, site.path, strict), None
         if outcomes is None:  # or what there was turned out to be the rest of a killed first run
-            outcomes = _judge(judge, batch, strict)
+            outcomes = _joined(joining, batch, workers)
         if any(outcome.status != "refused" for outcome in outcomes):
-            grid.prepare(settings.evidence, settings.robots)
-        if judge.arrived:
-            _write(grid, judge, hands, progress)
-    return outcomes
+            site.grid.prepare(settings.evidence, settings.robots)
+        _write(joining, site.grid, settings.evidence, workers, progress)
+    return joining, outcomes
 
 
-def _judge(judge: Judge, batch: Iterable[Read], strict: bool) -> list[Outcome]:
-    """Judge logs in the order given; with ``strict`` the first refused one undoes the others."""
+def _joined(joining: Joining, batch: list[Read], workers: Hands) -> list[Outcome]:
+    """Join logs in the order given; with ``strict`` the first refused one undoes the others."""
     outcomes: list[Outcome] = []
-    batch = iter(batch)
     for one in batch:
-        outcomes.append(_outcome(judge, one))
+        outcomes.append(_outcome(joining, one, workers))
         log.info("%s: %s", outcomes[-1].path, outcomes[-1].status)
-        if strict and outcomes[-1].status == "refused":
-            judge.forget()
+        if joining.strict and outcomes[-1].status == "refused":
+            joining.undo()
             undone = f"not kept, since {printable(one.path)} was refused (--strict)"
-            others = [*(before.path for before in outcomes[:-1]), *(after.path for after in batch)]
-            unkept = [
-                Outcome(path, "refused", error=f"{printable(path)}: {undone}") for path in others
+            return [
+                outcomes[-1]
+                if other is one
+                else Outcome(other.path, "refused", error=f"{printable(other.path)}: {undone}")
+                for other in batch
             ]
-            before = len(outcomes) - 1
-            return [*unkept[:before], outcomes[-1], *unkept[before:]]
     return outcomes
 
 
-def _outcome(judge: Judge, one: Read) -> Outcome:
+def _outcome(joining: Joining, one: Read, workers: Hands) -> Outcome:
     if one.log is None:
         return Outcome(one.path, "refused", error=one.error)
     try:
-        verdict = judge.take(one.log, one.foreseen)
+        joined = joining.join(one.log, partial(_laid_out, one, joining.settings, workers))
     except LogError as error:
         return Outcome(one.path, "refused", error=str(error))
     cut = one.log.cut_short
     notes = [f"{cut}: the last line is cut short and was left out"] if cut else []
-    notes += [verdict.note] if verdict.note else []
+    notes += [joined.note] if joined.note else []
     return Outcome(
         one.path,
-        "fused" if verdict.is_new else "known",
-        verdict.records_new,
-        verdict.records_known,
+        "fused" if joined.is_new else "known",
+        joined.records_new,
+        joined.records_known,
         note="; ".join(notes) or None,
     )
 
 
-def _write(grid: Grid, judge: Judge, hands: Crew, progress: Progress) -> None:
-    """Write what is new down in the ledger, and stamp it, a tile at a time."""
-    accepted = list(judge.accepted.values())
-    if accepted:  # else all that came was known, and only who brought it is new
-        batch = hands.batch(accepted, judge.settings.evidence, grid.tiles)
-        for rows in batch.rows():
-            grid.ledger.add(rows)
-        count, tiles = batch.tiles()
-        for key, layers in progress(tiles, "tile", count):
+def _laid_out(
+    read: Read, settings: Settings, workers: Hands, versions: Sequence[Version]
+) -> Iterator[LaidOut]:
+    """Yield versions laid out: as they were when they were read, or now."""
+    ready = [read.laid_out_of(one) for one in versions]
+    missing = [one for one, done in zip(versions, ready, strict=True) if done is None]
+    # Where many wait to be read, one would wait long; of a ledger there are many.
+    several = workers if read.log is not None and read.log.is_ledger else SERIAL
+    tasks = ((one, settings.evidence, settings.limits) for one in missing)
+    made = several.map(lay_out, tasks, lambda one, *_: 1000 * len(one.map.records))
+    for done in ready:
+        yield next(made) if done is None else done
+
+
+def _write(
+    joining: Joining,
+    grid: Grid,
+    settings: EvidenceSettings,
+    workers: Hands,
+    progress: Progress,
+) -> None:
+    """Add what grew to the ledger, and stamp it, tile by tile."""
+    grown = joining.laid_out.values()
+    for one in grown:
+        grid.ledger.add(one.rows)
+    count, works = by_tile([one.plan for one in grown])
+    tasks = ((work, grid.tiles.packed(work.key), settings) for work in works)
+    try:
+        stamped = workers.map(stamp, tasks, _task_bytes)
+        for key, layers in progress(stamped, "tile", count):
             grid.tiles.put(key, layers)
-        log.info("%d excursions stamped into %d tiles", len(accepted), count)
+    except TileError as error:
+        raise grid.tiles.damaged(str(error)) from error
+    came = (Arrival(one.name, one.count, one.origin, one.carrier) for one in joining.came)
     now = datetime.now(UTC).isoformat(timespec="seconds")
-    grid.ledger.came.add(judge.arrived, now, version())
+    grid.ledger.came.add(came, now, version())
+    log.info("%d excursions stamped into %d tiles", len(grown), count)
+
+
+def _task_bytes(work: TileWork, stored: StoredTile, *_: object) -> int:
+    """Return what is held until a tile is stamped, which is more than what comes back."""
+    pieces = sum(rows.nbytes for rows in work.pieces.values())
+    packed = sum(len(layer.data) for layer in stored.values())
+    return work.segments.nbytes + pieces + 100 * len(work.clips) + packed

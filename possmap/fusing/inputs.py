@@ -24,8 +24,10 @@ TIMES_COMPRESSED = 12
 """How much more text than bytes there is in a compressed log, about."""
 
 
-def expand(inputs: Iterable[str]) -> Iterator[str]:
+def expand(inputs: Iterable[str], recursive: bool = False) -> Iterator[str]:
     """Yield the files that the inputs stand for, a folder's by name.
+
+    recursive : those of folders within folders, too, folder by folder.
 
     A folder without a log yields itself, so that reading it says what is wrong.
 
@@ -38,19 +40,24 @@ def expand(inputs: Iterable[str]) -> Iterator[str]:
         if urls.is_url(name):
             yield from urls.expand(name)
             continue
-        logs = [] if name == STDIN else _logs_in(Path(name))
+        logs = [] if name == STDIN else _logs_in(Path(name), recursive)
         yield from logs or [name]
 
 
-def _logs_in(path: Path) -> list[str]:
+def _logs_in(path: Path, recursive: bool) -> list[str]:
     """Return the logs in a folder by name; none if it is no folder or may not be read."""
     try:
         if not path.is_dir():
             return []
-        logs = [p.name for p in path.iterdir() if encoding_of(p) is not None and not p.is_dir()]
+        here = sorted(path.iterdir())
+        logs = [str(one) for one in here if encoding_of(one) is not None and not one.is_dir()]
+        if recursive:
+            # A link may lead back to where it is.
+            folders = [one for one in here if one.is_dir() and not one.is_symlink()]
+            logs += [log for folder in folders for log in _logs_in(folder, recursive)]
     except OSError:
         return []  # reading it says why
-    return [str(path / log) for log in sorted(logs)]
+    return logs
 
 
 def is_grid(name: str) -> bool:
@@ -74,8 +81,10 @@ def text_of(name: str) -> int:
     return size_of(name) * (TIMES_COMPRESSED if name.lower().endswith(".gz") else 1)
 
 
-def read(name: str, limits: Limits, allow_truncated: bool) -> LogFile:
+def read(name: str, limits: Limits, allow_truncated: bool, folder: str | None = None) -> LogFile:
     """Read one log, or the ledger of a grid as one.
+
+    folder : in which a relative name is looked up; None: this process's.
 
     Raises
     ------
@@ -88,7 +97,7 @@ def read(name: str, limits: Limits, allow_truncated: bool) -> LogFile:
         return read_stdin(sys.stdin.buffer, limits, allow_truncated)
     if urls.is_url(name):
         return urls.read(name, limits, allow_truncated)
-    path = Path(name)
+    path = Path(folder or "", name)
     try:
         is_folder = path.is_dir()
         if is_folder:
@@ -99,4 +108,4 @@ def read(name: str, limits: Limits, allow_truncated: bool) -> LogFile:
         raise LogError(name, f"the folder holds no logs, expected files of {', '.join(SUFFIXES)}")
     if is_grid(name):
         return read_ledger(path, limits)
-    return read_log(path, limits, allow_truncated)
+    return read_log(Path(name), limits, allow_truncated, Path(folder or ""))

@@ -12,7 +12,7 @@ from possmap.grid.excursion_hash import excursion_hash
 from possmap.grid.grid import Grid
 from possmap.grid.ledger import Entry
 from possmap.grid.soundness import is_sound
-from possmap.logs import Delivery, LogFile, Origin, Parcel
+from possmap.logs import Delivery, LogFile, Origin
 from possmap.logs.delivery import path_text
 from possmap.logs.fields import Fault
 from possmap.logs.rechecking import rechecked
@@ -35,7 +35,7 @@ def read_ledger(path: Path, limits: Limits) -> LogFile:
     with Grid(path) as grid, grid.snapshot():
         grid.database.check_structure()
         origin = Origin(str(path), hashlib.sha256(grid.digest().encode()).hexdigest(), 0)
-        known = {entry.name: (entry, Parcel(one)) for entry, one in _versions(grid, limits)}
+        known = {entry.name: (entry, one) for entry, one in _versions(grid, limits)}
         missing = set(known)
         for one in grid.ledger.came.all():
             entry, whole = known[one.name]
@@ -45,10 +45,8 @@ def read_ledger(path: Path, limits: Limits) -> LogFile:
                 raise _damaged(path, entry, f"a file is said to have held {one.records} records")
             if one.records == entry.records:
                 missing.discard(one.name)
-            # Files may be many, and each may have held another beginning: none is copied.
-            parcel = whole.beginning(one.records)
             place = f"{path}: {entry.robot} {entry.excursion}"
-            deliveries.append(Delivery(parcel, place, one.origin, one.carrier))
+            deliveries.append(Delivery(whole, place, one.origin, one.carrier, one.records))
         for name in sorted(missing):
             raise _damaged(path, known[name][0], "nothing says what brought its last record")
     return LogFile(origin, tuple(deliveries), is_ledger=True)

@@ -9,7 +9,6 @@ from possmap.errors import LogError
 from possmap.logs.delivery import Delivery, LogFile, Origin
 from possmap.logs.json_lines import read_json_lines
 from possmap.logs.json_log import read_json
-from possmap.logs.parcel import Parcel
 from possmap.logs.text import LogText, read_stream, read_text
 from possmap.settings.limits import Limits
 
@@ -18,7 +17,6 @@ __all__ = [
     "Delivery",
     "LogFile",
     "Origin",
-    "Parcel",
     "encoding_of",
     "read_log",
     "read_open",
@@ -39,8 +37,12 @@ def encoding_of(path: Path) -> str | None:
     return suffixes[-1] if suffixes and suffixes[-1] in SUFFIXES else None
 
 
-def read_log(path: Path, limits: Limits, allow_truncated: bool = False) -> LogFile:
+def read_log(
+    path: Path, limits: Limits, allow_truncated: bool = False, folder: Path = Path()
+) -> LogFile:
     """Read one log file, whole.
+
+    folder : in which a relative path is looked up; messages and ledger name the path alone.
 
     Raises
     ------
@@ -48,11 +50,11 @@ def read_log(path: Path, limits: Limits, allow_truncated: bool = False) -> LogFi
         ``file:line: field, value found, what was expected``; nothing of the file may be used.
     """
     encoding = encoding_of(path)
-    if encoding is None and not path.exists():
+    if encoding is None and not (folder / path).exists():
         raise LogError(str(path), "no such file")
     if encoding is None:
         raise LogError(str(path), UNKNOWN_SUFFIX)
-    return _parsed(read_text(path, limits), encoding, limits, allow_truncated)
+    return _parsed(read_text(path, limits, folder), encoding, limits, allow_truncated)
 
 
 def read_open(
@@ -92,7 +94,7 @@ def _parsed(source: LogText, encoding: str, limits: Limits, allow_truncated: boo
         versions, cut_short = read_json_lines(source, limits, allow_truncated)
     origin = Origin(source.name, source.sha256, source.size)
     deliveries = (
-        Delivery(Parcel(one.content), f"{origin.name}:{one.line}", origin, one.carrier)
+        Delivery.of(one.content, f"{origin.name}:{one.line}", origin, one.carrier)
         for one in versions
     )
     return LogFile(origin, tuple(deliveries), cut_short)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from possmap.core.records import PartialMap
 from possmap.errors import LogError, printable
 from possmap.logs.fields import Fault, Step
-from possmap.logs.parcel import Parcel
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,20 +32,35 @@ class Origin:
 class Delivery:
     """One version of one excursion.
 
+    whole : a version of which the first ``count`` records were delivered; the deliveries of a
+        grid's ledger, which may be many, share it.
     place : ``file:line`` where it begins, for messages.
     origin : the file.
     carrier : robot and excursion of the log that carried it; None for the robot's own.
     """
 
-    parcel: Parcel
+    whole: PartialMap
     place: str
     origin: Origin
-    carrier: tuple[str, str] | None = None
+    carrier: tuple[str, str] | None
+    count: int
+
+    @classmethod
+    def of(
+        cls, whole: PartialMap, place: str, origin: Origin, carrier: tuple[str, str] | None = None
+    ) -> Delivery:
+        """Return the delivery of a whole version."""
+        return cls(whole, place, origin, carrier, len(whole.records))
+
+    @property
+    def name(self) -> tuple[str, str]:
+        """Robot and excursion."""
+        return self.whole.name
 
     @property
     def version(self) -> PartialMap:
-        """The version, unpacked."""
-        return self.parcel.version
+        """The version that was delivered."""
+        return self.whole.prefix(self.count)
 
 
 @dataclass(frozen=True, slots=True)

@@ -59,8 +59,10 @@ class LogText:
             raise LogError(self.name, f"{problem} (setting limit_file_objects)")
 
 
-def read_text(path: Path, limits: Limits) -> LogText:
+def read_text(path: Path, limits: Limits, folder: Path = Path()) -> LogText:
     """Read a log file; ``.gz`` is decompressed.
+
+    folder : in which a relative path is looked up; the text is named by the path alone.
 
     Raises
     ------
@@ -68,9 +70,9 @@ def read_text(path: Path, limits: Limits) -> LogText:
         If it cannot be read, is no regular file, is too large, or is not UTF-8.
     """
     try:
-        if not S_ISREG(path.stat().st_mode):  # opening a FIFO would wait for ever
+        if not S_ISREG((folder / path).stat().st_mode):  # opening a FIFO would wait for ever
             raise LogError(str(path), "not a regular file")
-        with path.open("rb") as stream:
+        with (folder / path).open("rb") as stream:
             return read_stream(str(path), stream, limits, compressed=path.suffix.lower() == ".gz")
     except OSError as error:
         raise LogError(str(path), f"cannot be read: {error.strerror or error}") from error

@@ -37,7 +37,7 @@ STAGES = (
     ("correct, propagate, lay out", "possmap.core.evidence", "findings"),
     ("cut at the borders of tiles", "possmap.core.plan", "plan_excursion"),
     ("rows of the ledger", "possmap.grid.rows", "excursion_rows"),
-    ("judge", "possmap.fusing.judge", "Judge.take"),
+    ("judge", "possmap.fusing.joining", "Joining.join"),
     ("sort by tile", "possmap.core.plan", "by_tile"),
     ("sort by tile", "possmap.core.plan", "_work"),
     ("read tiles", "possmap.grid.tiles", "TileStore.read"),

@@ -254,7 +254,7 @@ def test_whatever_is_allowed_gives_finite_errors_never_below_nothing(
         assert error.heading_half <= math.pi / 2
     settings = EvidenceSettings(estimator="heading", free_along_walls=True, clip_coobserved=True)
     found = findings(PartialMap("r", "a", (), tuple(records)), model, settings)
-    assert all(0 <= work.of_record < math.inf for work in works_of(found, settings).values())
+    assert all(0 <= work < math.inf for work in works_of(found, settings.resolution).values())
 
 
 def test_a_long_log_of_the_largest_errors_stays_finite() -> None:

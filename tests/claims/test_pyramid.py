@@ -11,8 +11,9 @@ from possmap.core.evidence import Segment
 from possmap.core.lattice import TileKey, Window
 from possmap.core.propagation import ErrorRectangle
 from possmap.core.pyramid import FULL, Values
+from possmap.core.segment_table import table_of
 from possmap.core.stamping import Piece, extent, pieces_of, stamp
-from possmap.fusing.work import segment_work
+from possmap.fusing.work import segment_works
 
 halves = st.floats(0, 1.2)
 resolutions = st.sampled_from([0.05, 0.1, 0.25])
@@ -86,7 +87,8 @@ def test_tiles_and_extents_hold_every_cell_that_a_segment_touches(
         region = extent(piece, resolution).intersection(everywhere)
         stamp(again[region.slices_in(everywhere)], region, piece, resolution, 1.0)
     assert np.array_equal(whole, again)
-    assert np.count_nonzero(whole) <= segment_work(segment, 0, resolution, 1.0).cells
+    (work,) = segment_works(table_of([segment], 1.0), np.zeros(1), resolution)
+    assert np.count_nonzero(whole) <= work
 
 
 @given(st.tuples(*[halves] * 4), st.integers(0, 60), st.integers(1, 60))

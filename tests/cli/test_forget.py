@@ -20,7 +20,7 @@ from versions import WHOLE, changed, fused_digest, log_of, prefix, written
 
 from possmap.cli.main import main
 from possmap.errors import printable
-from possmap.fusing.admission import how_to_forget
+from possmap.fusing.advice import how_to_forget
 from possmap.release import version
 
 ROOT = Path(__file__).parents[2]

@@ -16,7 +16,7 @@ from teams import digest, write_logs
 import possmap
 from possmap.cli.main import main
 from possmap.errors import MissingExtra, WorkerError
-from possmap.fusing.cluster import client
+from possmap.fusing import cluster
 from possmap.fusing.fuse import fuse
 from possmap.grid.ledger import Ledger
 from possmap.grid.rows import ExcursionRows
@@ -119,7 +119,7 @@ def test_all_workers_are_killed_and_the_same_command_completes_the_job(
         patch = pytest.MonkeyPatch()
 
         def kill_all() -> None:
-            patch.setattr(client, "PATIENCE", 2.0)  # not before: workers take time to start
+            patch.setattr(cluster, "PATIENCE", 2.0)  # not before: workers take time to start
             kill(*found.workers)
 
         at_excursion(LOGS // 2, kill_all)
@@ -199,17 +199,15 @@ def test_a_worker_with_another_possmap_or_none_is_named(
 
 
 def test_a_worker_of_another_version_that_joins_later_stamps_nothing() -> None:
-    from possmap.fusing.cluster.tasks import run_as
-
-    assert run_as(possmap.version(), sum, (1, 2)) == 3
+    assert cluster.run(cluster.Task(sum, ((1, 2),), possmap.version())) == 3
     with pytest.raises(WorkerError, match=r"a worker has possmap .*, and this process has 9"):
-        run_as("9", sum, (1, 2))
+        cluster.run(cluster.Task(sum, ((1, 2),), "9"))
 
 
 def test_a_scheduler_that_cannot_be_reached_leaves_the_grid_alone(
     logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(client, "CONNECT", 2.0)
+    monkeypatch.setattr(cluster, "CONNECT", 2.0)
     grid = tmp_path / "site.possmap"
     fuse([str(next(logs.iterdir()))], grid)
     before = grid.read_bytes()
@@ -224,34 +222,12 @@ def test_a_scheduler_that_cannot_be_reached_leaves_the_grid_alone(
 def test_a_scheduler_without_workers_is_said_to_have_none(
     logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(client, "PATIENCE", 2.0)
+    monkeypatch.setattr(cluster, "PATIENCE", 2.0)
     with machines(tmp_path / "m") as found:
         result = run("fuse", logs, "-g", tmp_path / "g.possmap", f"--dask={found.address}")
     assert (result.exit_code, result.stderr.count("\n")) == (1, 1)
     assert "has no workers, waited 2 s" in result.stderr
     assert not (tmp_path / "g.possmap").exists()
-
-
-def test_a_log_that_changes_before_a_second_worker_reads_it_is_not_stamped(
-    logs: Path, tmp_path: Path, at_excursion: AtExcursion
-) -> None:
-    changing, grid = tmp_path / "changing.json", tmp_path / "site.possmap"
-    text = next(logs.iterdir()).read_text()
-    one, other = (text.replace('"a"', f'"{name}"', 1) for name in ("b", "c"))
-    assert one != other
-    changing.write_text(one)
-
-    def kill_and_change() -> None:
-        changing.write_text(other)
-        kill(found.workers[0])
-        found.add()
-
-    with machines(tmp_path / "m", 1) as found:
-        at_excursion(1, kill_and_change)
-        with pytest.raises(WorkerError) as error:
-            fuse([str(changing), str(logs)], grid, dask=found.address)
-    assert "a log changed while it was fused" in str(error.value)
-    assert whole_logs(grid, logs) == 0
 
 
 def test_where_dask_cannot_start_a_thread_one_line_says_so_at_any_time(

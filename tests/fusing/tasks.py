@@ -7,10 +7,7 @@ import signal
 import time
 from pathlib import Path
 
-from possmap.errors import GridError
-
-LARGE = 1 << 20
-"""More bytes than a pipe holds."""
+from possmap.errors import GridError, LogError
 
 UNHEARD = {
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
@@ -44,16 +41,12 @@ def fail_unsendably(number: int) -> int:
     raise Unsendable(f"number {number}")
 
 
-def note(folder: Path) -> bytes:
-    """Leave a file that says that this was done."""
-    (folder / f"{os.getpid()}-{time.monotonic_ns()}").touch()
-    return bytes(LARGE)
+def refuse_a_log() -> None:
+    raise LogError("a:3", "wrong")
 
 
-def die_at_2(number: int) -> bytes:
-    if number == 2:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return bytes(LARGE)
+def send(size: int) -> bytes:
+    return bytes(size)
 
 
 def unheard(_: int) -> set[signal.Signals]:
@@ -61,5 +54,5 @@ def unheard(_: int) -> set[signal.Signals]:
 
 
 def sleep(folder: Path) -> None:
-    note(folder)
+    (folder / f"{os.getpid()}-{time.monotonic_ns()}").touch()
     time.sleep(60)

@@ -1,0 +1,158 @@
+"""What workers do with evidence: lay an excursion out, and stamp what many say into a tile.
+
+Both functions are pure, and take and return what can be sent to other processes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple, TypeAlias
+
+from possmap.core.evidence import Findings, Layer, findings
+from possmap.core.fusion import fuse_tile
+from possmap.core.lattice import TileKey
+from possmap.core.model import ErrorModel
+from possmap.core.plan import ExcursionPlan, TileWork, plan_excursion
+from possmap.core.pyramid import FARTHEST
+from possmap.core.records import PartialMap
+from possmap.core.settings import EvidenceSettings
+from possmap.core.walls import Observations
+from possmap.errors import LogError
+from possmap.fusing.work import works_of
+from possmap.grid.encoding import EncodedTile, encode, unpacked
+from possmap.grid.rows import ExcursionRows, excursion_rows
+from possmap.settings.limits import Limits
+
+FARTHEST_M = 1e15
+"""No corrected place lies farther from the origin, and no rectangle is wider [m]."""
+
+
+StoredTile: TypeAlias = Mapping[Layer, EncodedTile]
+"""The layers of a tile, as they are stored."""
+
+TileResult: TypeAlias = tuple[TileKey, StoredTile]
+
+
+class Version(NamedTuple):
+    """A version of an excursion of which the grid does not hold everything.
+
+    in_grid : how many of its records, from the first, the grid holds.
+    place : ``file:line``, for messages.
+    """
+
+    map: PartialMap
+    model: ErrorModel
+    in_grid: int
+    place: str
+
+
+class Reach(NamedTuple):
+    """How many of an excursion's records the error leaves anything to say.
+
+    records : that lie on the map. beyond : how many of them say nothing, their error being
+    ``max_error`` or more. seq, t : of the first of these. observations : of the heading.
+    """
+
+    records: int
+    beyond: int
+    seq: int | None
+    t: float | None
+    observations: Observations
+
+    @classmethod
+    def of(cls, version: PartialMap, found: Findings) -> Reach:
+        """Count the records of one excursion."""
+        most = found.model.max_error
+        beyond = [
+            number for number, at in found.geometry.items() if max(*at.rect, *at.rect2) >= most
+        ]
+        if not beyond:
+            return cls(len(found.geometry), 0, None, None, found.observations)
+        first = version.records[min(beyond)]
+        return cls(len(found.geometry), len(beyond), first.seq, first.t, found.observations)
+
+
+class LaidOut(NamedTuple):
+    """What the ledger notes of an excursion, and what it says in which tiles.
+
+    work : cells of work, at most (``possmap.fusing.work``).
+    reach : how many of its records can say something.
+    """
+
+    rows: ExcursionRows
+    plan: ExcursionPlan
+    work: float
+    reach: Reach
+
+
+def lay_out(version: Version, settings: EvidenceSettings, limits: Limits) -> LaidOut:
+    """Correct, propagate and lay out an excursion, and cut what it says at the borders of tiles.
+
+    Raises
+    ------
+    LogError
+        If it is more work than the limits allow, or no reader of the grid would accept it.
+    """
+    found = findings(version.map, version.model, settings)
+    _check_places(version, found, settings.resolution)
+    work = _checked_work(version, found, settings.resolution, limits)
+    plan = plan_excursion(found, version.in_grid, settings)
+    rows = excursion_rows(
+        version.map,
+        version.model,
+        version.in_grid,
+        found.geometry,
+        plan.touched(),
+        found.observations,
+    )
+    return LaidOut(rows, plan, work, Reach.of(version.map, found))
+
+
+def stamp(work: TileWork, stored: StoredTile, settings: EvidenceSettings) -> TileResult:
+    """Stamp everything new into one tile, and return the layers that change, as they are stored.
+
+    Raises
+    ------
+    TileError
+        If the stored tile is damaged.
+    """
+    changed = fuse_tile(work, unpacked(work.key, stored), settings)
+    return work.key, {layer: encode(layer, work.key, array) for layer, array in changed.items()}
+
+
+def _check_places(version: Version, found: Findings, resolution: float) -> None:
+    """Refuse what the correction takes off every lattice, or makes wider than one."""
+    most = min(FARTHEST * resolution, FARTHEST_M)
+    for number, at in found.geometry.items():
+        places = at.x, at.y, at.x2, at.y2, *at.rect, *at.rect2
+        if not (-most < min(places) and max(places) < most):
+            away, wide = max(map(abs, places[:4])), max(places[4:])
+            what = f"lies, corrected, {away:.3g} m from the origin"
+            if away < most:
+                what = f"is uncertain by {wide:.3g} m"
+            raise _refused(version, number, f"{what}, expected less than {most:.3g}")
+
+
+def _checked_work(version: Version, found: Findings, resolution: float, limits: Limits) -> float:
+    """Return the work of an excursion; refuse what is too much."""
+    works = works_of(found, resolution)
+    for number, work in works.items():
+        if work > limits.limit_record_cells:
+            raise _refused(
+                version, number,
+                f"takes {work:.3g} cells of work, expected at most "
+                f"{limits.limit_record_cells:.3g} (setting limit_record_cells)",
+            )  # fmt: skip
+    total = sum(works.values())
+    if total > limits.limit_file_cells:
+        raise LogError(
+            version.place.rpartition(":")[0],
+            f"its records take {total:.3g} cells of work, expected at most "
+            f"{limits.limit_file_cells:.3g} (setting limit_file_cells)",
+        )
+    return total
+
+
+def _refused(version: Version, number: int, why: str) -> LogError:
+    name = f"excursion {version.map.excursion} of robot {version.map.robot}"
+    return LogError(version.place, f"seq {version.map.records[number].seq} of {name} {why}")
