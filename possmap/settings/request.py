@@ -11,7 +11,7 @@ from possmap.errors import SettingsError, printable
 from possmap.settings.setting_table import SHAPING, Given, GivenSettings, Value, merged
 from possmap.settings.settings import Settings, assemble, scalar
 
-DEFAULT_PROFILE = "paper"
+DEFAULT_PROFILE = "robust"
 """Of grids that are new."""
 
 

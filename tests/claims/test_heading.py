@@ -13,8 +13,6 @@ from benchmarks.estimators import (
     CASES,
     METHODS,
     NO_TURN_ERROR,
-    NOISY_TURNS,
-    WITH_WALLS,
     Case,
     Count,
     Method,
@@ -322,8 +320,10 @@ def test_errors_in_quadrature_without_a_heading_are_wrong(
     assert [believable(found, 0.95) for found in inside] == [True, False, False, False]
 
 
-@pytest.mark.parametrize("method", ["linear", "heading"])
-@pytest.mark.parametrize("case", [CALIBRATED, WITH_WALLS, NOISY_TURNS], ids=lambda case: case.name)
+SIZED = [(case, method) for case in CASES for method in case.half_width]
+
+
+@pytest.mark.parametrize(("case", "method"), SIZED, ids=lambda one: getattr(one, "name", one))
 def test_rectangles_are_as_large_as_the_method_says(
     case: Case, method: Method, counted: dict[str, dict[Method, Count]]
 ) -> None:

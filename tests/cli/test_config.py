@@ -238,6 +238,21 @@ def test_the_profile_robust_is_the_methods_and_leaves_the_rest_alone() -> None:
     assert paper["estimator"] == "linear", "--set beats --profile"
 
 
+@pytest.mark.default_profile
+def test_robust_is_the_default_of_a_new_grid_and_an_old_one_keeps_its_own(tmp_path: Path) -> None:
+    assert in_force() == in_force("--profile", "robust") != in_force("--profile", "paper")
+    assert in_force("-g", fused(tmp_path))["estimator"] == "walls"
+    paper = tmp_path / "paper.possmap"
+    assert run("fuse", tmp_path / "a.json", "-g", paper, "--profile", "paper").exit_code == 0
+    assert run("fuse", tmp_path / "a.json", "-g", paper).exit_code == 0
+    assert in_force("-g", paper)["estimator"] == "linear"
+    refused = run(
+        "fuse", tmp_path / "a.json", "-g", tmp_path / "n", "--set", "independence=detection"
+    )
+    assert "expected 1 without independence: excursion" in refused.stderr
+    assert (refused.exit_code, (tmp_path / "n").exists()) == (1, False)
+
+
 def test_a_grid_made_with_robust_keeps_it(tmp_path: Path) -> None:
     grid = fused(tmp_path, "--profile", "robust", "--set", "turn_spread=0.4")
     assert in_force("-g", grid)["estimator"] == "walls"
