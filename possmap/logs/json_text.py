@@ -17,6 +17,9 @@ LARGEST_VALUE = 1 << 24
 _MARGIN = 16
 """More than what may be missing of a number, a word or an escape where a text is cut."""
 
+_ENDS = ("true", "false", "null", "NaN", "Infinity", "-Infinity", ".", "e+", "e-", "E+", "E-")
+"""Ends of values: what a text that is cut there may stop in the middle of."""
+
 _BLANKS = " \t\n\r"
 _BLANK = re.compile(r"[ \t\n\r]*")
 _COMMA = re.compile(r",[ \t\n\r]*")
@@ -85,11 +88,15 @@ class JsonText:
                 raise Fault((), "a number of more than 4300 digits") from None
             is_open = len(self.text) - end < _MARGIN or (problem or "").startswith("Unterminated")
             if len(self.text) - self.position > LARGEST_VALUE and self._more and is_open:
-                raise JsonSyntaxError(self.position, "a value of more than 16 MiB")
+                raise Fault((), "a value of more than 16 MiB")
             if is_open and self._read_on():  # the rest may mend it, or go on with a number
                 continue
+            is_cut = self._is_cut(end)
             if problem is not None:
-                raise JsonSyntaxError(end, problem, is_open)
+                is_cut |= is_open and problem.startswith(("Unterminated", "Invalid \\u"))
+                raise JsonSyntaxError(end, problem, is_cut)
+            if is_cut and self._more and isinstance(value, int | float):  # perhaps half a number
+                raise JsonSyntaxError(end, "Expecting more", is_cut)
             self._skip(end)
             found: object = value
             return found
@@ -188,8 +195,13 @@ class JsonText:
 
     def _take(self, character: str) -> None:
         if not self._took(character):
-            is_cut = self.position == len(self.text)
-            raise JsonSyntaxError(self.position, f"Expecting '{character}' delimiter", is_cut)
+            problem = f"Expecting '{character}' delimiter"
+            raise JsonSyntaxError(self.position, problem, self._is_cut(self.position))
+
+    def _is_cut(self, position: int) -> bool:
+        """Whether what is left of the text may be the beginning of something."""
+        rest = self.text[position : position + _MARGIN].rstrip()
+        return any(end.startswith(rest) for end in _ENDS)
 
     def _skip(self, position: int) -> None:
         """Go to the first character from a position on that is no blank."""
@@ -206,16 +218,16 @@ class JsonText:
         """Read as much again as is held and not consumed; whether there was more to read."""
         if self._more is None:
             return False
-        self.line_of(self.position)
         wanted = max(1, len(self.text) - self.position)
-        parts = [self.text[self.position :]]
+        parts: list[str] = []
         while wanted > 0 and (part := self._more()):
             parts.append(part)
             wanted -= len(part)
-        if wanted > 0:
-            self._more = None
-        self.text, self.position, self._counted = "".join(parts), 0, 0
-        return len(parts) > 1
+        if parts:
+            self.line_of(self.position)
+            self.text = self.text[self.position :] + "".join(parts)
+            self.position = self._counted = 0
+        return bool(parts)
 
 
 def find(text: str, path: tuple[Step, ...]) -> int:

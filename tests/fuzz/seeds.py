@@ -49,7 +49,8 @@ def image_seeds() -> list[bytes]:
     for mode, form in (("L", "PNG"), ("RGBA", "PNG"), ("1", "PNG"), ("P", "PNG"), ("I;16", "PNG"),
                        ("RGB", "BMP"), ("1", "PPM")):  # fmt: skip
         stream = io.BytesIO()
-        Image.new(mode, (6, 5), 1).save(stream, form)
+        white = {"RGB": (255,) * 3, "RGBA": (255,) * 4, "I;16": 65535}.get(mode, 255)
+        Image.new(mode, (6, 5), white).save(stream, form)
         seeds.append(stream.getvalue())
     return seeds
 
