@@ -13,7 +13,7 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.lab.calibrate.estimates import Estimate
+    from possmap.lab.calibrate.estimates import ParameterEstimate
     from possmap.lab.calibrate.results import Calibration, RobotResult
     from possmap.lab.calibrate.run import CalibrationRequest
 
@@ -268,7 +268,7 @@ def _report_one(one: RobotResult, verbose: bool) -> None:
         click.echo(f"  ! {note}")
 
 
-def _row(name: str, told: Estimate) -> str:
+def _row(name: str, told: ParameterEstimate) -> str:
     between = f"[{_number(told.low)}, {_number(told.high)}]"
     row = f"  {name:<17}{_number(told.value):>10}  {between:^21}  {_number(told.model):>10}"
     if told.detectable is not None:

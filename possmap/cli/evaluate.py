@@ -136,7 +136,6 @@ def _as_json(found: Evaluation) -> dict[str, Any]:
         "methods": methods,
         "rectangles": {
             "coverage": rectangles and rectangles.coverage,
-            "coverage_by_length": rectangles and rectangles.coverage_by_length,
             "mean_half_width": rectangles and rectangles.mean_half_width,
             "poses": rectangles.poses if rectangles else 0,
         },

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from calibrated import PAPER, SPINS, Faults, trials
 
-from possmap.core.model import ErrorModel
 from possmap.lab.calibrate.cutting import TrueTrack, cut, without_mount
 from possmap.lab.calibrate.robots import Unusable, calibrate, calibrate_robot
 from possmap.lab.calibrate.sensor import alignment, sensor
@@ -45,27 +44,14 @@ def test_a_robot_with_unequal_wheels_needs_more_than_the_paper_has() -> None:
     assert own.size < 0.7 * paper.size and own.coverage > 0.88
 
 
-def test_the_model_is_one_that_the_method_takes() -> None:
-    result = calibrate_robot("r1", trials(Faults(), rng(4), plan=PAPER + SPINS), rng())
-    model = ErrorModel(**result.parameters)
-    assert model.turn_bias == pytest.approx(2.0, abs=0.4)
-    assert model.turn_spread <= 0.5, "spins make it fit for the estimator heading"
-
-
-def test_the_same_trials_give_the_same_result() -> None:
-    some = trials(Faults(), rng(5), 8)
-    one, other = (calibrate_robot("r1", some, rng(9)) for _ in range(2))
-    assert one.parameters == other.parameters and one.tests == other.tests
-
-
 def test_robots_that_differ_are_told_apart_and_the_pooled_spread_holds_their_difference() -> None:
     some = [
         trial
-        for k, bias in enumerate((-2.0, 2.2, 1.5, -1.7, 2.4))
+        for k, bias in enumerate((-2.0, 2.2, 1.5))
         for trial in trials(Faults(turn_bias=bias), rng(k), robot=f"r{k}")
     ]
     found = calibrate(some, rng())
-    assert [one.robot for one in found.robots] == ["r0", "r1", "r2", "r3", "r4"]
+    assert [one.robot for one in found.robots] == ["r0", "r1", "r2"]
     assert found.pooled is not None
     assert found.pooled.parameters["turn_spread"] > 3
     assert any("robots differ in turn_bias" in note for note in found.pooled.notes)

@@ -100,7 +100,7 @@ def test_a_robot_without_errors_draws_the_truth_and_is_told_so(tmp_path: Path) -
         "wall": 1.0, "wall_10cm": 1.0, "wall_30cm": 1.0, "wall_local": 1.0,
     }  # fmt: skip
     assert found["rectangles"] == {
-        "coverage": 1.0, "coverage_by_length": 1.0, "mean_half_width": 0.0, "poses": 4,
+        "coverage": 1.0, "mean_half_width": 0.0, "poses": 4,
     }  # fmt: skip
     assert found["explored"]["wall"] == pytest.approx(121 / 160)
     assert found["explored"]["free"] == 0
@@ -177,7 +177,7 @@ def test_walls_alone_and_plans_are_truths_too(tmp_path: Path) -> None:
     assert (result.exit_code, result.stderr) == (0, f"note: {said}\n")
     by_walls = json.loads(result.stdout)
     assert by_walls["rectangles"] == {
-        "coverage": None, "coverage_by_length": None, "mean_half_width": None, "poses": 0,
+        "coverage": None, "mean_half_width": None, "poses": 0,
     }  # fmt: skip
     assert by_walls["reference"]["true_pose_f1_15cm"] is None
     assert by_walls["notes"] == [said]

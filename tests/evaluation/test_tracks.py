@@ -35,7 +35,7 @@ def test_a_pose_finds_its_row_by_its_time_and_each_row_is_found_once() -> None:
     assert apart(version, track, matched(version, track)).tolist() == [0.5, 0, 0]
 
 
-def test_coverage_counts_poses_and_metres() -> None:
+def test_coverage_counts_poses() -> None:
     """By hand: ±0.01 m a metre; the truth leaves the rectangle in the last of 1 + 1 + 2 m."""
     model = ErrorModel(along=0.01, across=0.01, turn_spread=0)
     version = straight([(0, 0), (1, 0), (2, 0), (4, 0)])
@@ -49,7 +49,6 @@ def test_coverage_counts_poses_and_metres() -> None:
     summed = rectangles([errors])
     assert summed is not None
     assert (summed.coverage, summed.poses) == (0.75, 4)
-    assert summed.coverage_by_length == pytest.approx(0.5, abs=1e-3)
     assert summed.mean_half_width == pytest.approx((0 + 0.01 + 0.02 + 0.04) / 4)
     assert rectangles([]) is None
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -52,12 +51,6 @@ def test_walls_become_cells_by_the_rule_of_segments(
     assert all(
         extent.row0 <= r < extent.row1 and extent.column0 <= c < extent.column1 for r, c in literal
     )
-
-
-def test_walls_that_reach_far_beyond_the_window_cost_what_they_touch() -> None:
-    far = np.array([[-1e6, -1e6, 1e6, 1e6], [-1e6, 0.5, 1e6, 0.5]])
-    cells = cells_of(far, Window(0, 20, 0, 20), 0.05)
-    assert cells[10].all() and cells.diagonal().all() and cells.sum() == 39
 
 
 @given(maps, st.integers(1, 7))
@@ -146,12 +139,6 @@ def test_a_pillars_inside_is_solid_and_the_world_outside_is_not() -> None:
     assert (found.free_cells, found.wall_cells) == (16, 24 + 8)
 
 
-def test_without_anybody_inside_nothing_is_told_of_floor_or_solid() -> None:
-    found, marks = drawn(PILLAR, [])
-    assert found.free is None and not found.solid.any()
-    assert set("".join(marks)) == {"#", "?"}
-
-
 def test_where_walls_close_nothing_in_the_floor_is_not_known() -> None:
     found, _ = drawn(PILLAR.replace("#######", "###.###", 1), [(2.5, 2.5)])
     assert found.free is None and found.free_cells is None
@@ -182,10 +169,3 @@ def test_walls_beyond_the_window_count_for_distances_and_rectangles() -> None:
     zero = np.array([0])
     assert found.any_within(one, zero, zero, np.array([2]))[0]
     assert not found.any_within(one, zero, zero, np.array([1]))[0]
-
-
-@pytest.mark.parametrize("most", [10**6, 10])
-def test_few_cells_may_be_held(most: int) -> None:
-    walls = np.array([[0.2, 0.0, 0.2, 1.0], [90.0, 0.0, 90.0, 1.0]])
-    found = true_map(walls, np.empty((0, 2)), Window(0, 10, 0, 10), 0.05, most)
-    assert found.walls[:, 4].all() and found.walls.sum() == 10

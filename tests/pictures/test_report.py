@@ -80,11 +80,11 @@ def evaluation(value: float | None = 0.5, names: tuple[str, ...] = ("possmap",))
         Bin(k / 10, k / 10 + 0.1, 10 * k + 1, k / 10 + 0.05, 0.1, 0.2, 0.5, 0.9) for k in range(10)
     )
     ramp = np.linspace(0, 1, 60)
-    track = TrackErrors("r1", "a", 20 * ramp, ramp / 3, ramp / 4, ramp, ramp)
+    track = TrackErrors("r1", "a", ramp / 3, ramp / 4, ramp, ramp)
     known = value is not None
     grid = GridScore(
         value, 0.7, 0.05, 0.02, 0.01, bins, bins, (track,) if known else (),
-        Rectangles(0.95, 0.94, 0.3, 60) if known else None, value, value,
+        Rectangles(0.95, 0.3, 60) if known else None, value, value,
     )  # fmt: skip
     return Evaluation(
         window=Window(0, 10, 0, 10),

@@ -22,7 +22,7 @@ KNOWN: tuple[Term, ...] = ("scale", "drift", "turn_bias", "turn_gain")
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class ParameterEstimate:
     """One parameter of METHOD §1, in its units.
 
     Attributes
@@ -47,17 +47,17 @@ class Estimate:
     detectable: float | None = None
 
 
-def estimates(full: Fit, chosen: Fit) -> dict[str, Estimate]:
+def estimates(full: Fit, chosen: Fit) -> dict[str, ParameterEstimate]:
     """Return what trials say of each parameter.
 
     full : with all terms. chosen : the model, which may leave some out.
     """
     heading, factor = full.heading, limit_factor()
-    found: dict[str, Estimate] = {}
+    found: dict[str, ParameterEstimate] = {}
 
     def put(name: str, limits: Interval, trials: int, detectable: float | None = None) -> None:
         model = chosen.parameters.get(name)
-        found[name] = Estimate(*limits[:3], model, trials, detectable)
+        found[name] = ParameterEstimate(*limits[:3], model, trials, detectable)
 
     if heading.runs >= LEAST:
         put("along", _along(full, factor), heading.runs)
@@ -89,7 +89,7 @@ def estimates(full: Fit, chosen: Fit) -> dict[str, Estimate]:
             # known part's own error.
             nan = math.nan
             count = heading.turns if spread == "turn_spread" else heading.runs
-            found[spread] = Estimate(nan, nan, nan, chosen.parameters[spread], count)
+            found[spread] = ParameterEstimate(nan, nan, nan, chosen.parameters[spread], count)
     return {name: found[name] for name in order if name in found}
 
 

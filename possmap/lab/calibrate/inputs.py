@@ -13,7 +13,7 @@ from possmap.core.records import PartialMap, Pose
 from possmap.core.track import stretches
 from possmap.errors import LogError, RecordingError
 from possmap.lab.calibrate.cutting import TrueTrack, cut
-from possmap.lab.calibrate.estimates import Estimate
+from possmap.lab.calibrate.estimates import ParameterEstimate
 from possmap.lab.calibrate.sensor import alignment, sensor
 from possmap.lab.calibrate.trials import Floats, Trial
 from possmap.lab.calibrate.trials_file import read_trials, repeated
@@ -39,7 +39,7 @@ class Material:
 
     trials: list[Trial]
     outings: list[TrueTrack] = field(default_factory=list)
-    walls: dict[str, dict[str, Estimate]] = field(default_factory=dict)
+    walls: dict[str, dict[str, ParameterEstimate]] = field(default_factory=dict)
     mounts: dict[str, float] = field(default_factory=dict)
     pool: bool = True
     notes: list[str] = field(default_factory=list)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from possmap.lab.calibrate.assumptions import Assumptions
 from possmap.lab.calibrate.crossval import Validation
-from possmap.lab.calibrate.estimates import Estimate
+from possmap.lab.calibrate.estimates import ParameterEstimate
 from possmap.lab.calibrate.model import Fit
 from possmap.lab.calibrate.rectangles import LegScore
 from possmap.lab.calibrate.trials import Trial
@@ -47,7 +47,7 @@ class RobotResult:
     trials: Sequence[Trial]
     fit: Fit
     parameters: Mapping[str, float]
-    estimates: Mapping[str, Estimate]
+    estimates: Mapping[str, ParameterEstimate]
     left_out: tuple[str, ...]
     tests: Assumptions
     validation: Validation | None

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from possmap.core.lattice import Window
-from possmap.lab.evaluate.observations import JudgedExcursion, Observation, Raster, observations
+from possmap.lab.evaluate.observations import JudgedExcursion, Observation, Rasterizer, observations
 from possmap.lab.evaluate.raster import Flags, Floats, Ints
 
 LogOdds = NDArray[np.float32]
@@ -58,7 +58,7 @@ def bayes(
     """
     log_odds = np.zeros(window.cells, dtype=np.float32)
     touched = np.zeros(window.cells, dtype=np.bool_)
-    raster = Raster(window, resolution)
+    raster = Rasterizer(window, resolution)
     for excursion in excursions:
         for one in observations(excursion):
             hits, free = _told(one, raster, settings)
@@ -68,7 +68,7 @@ def bayes(
     return LogOddsGrid(log_odds.reshape(window.shape), touched.reshape(window.shape))
 
 
-def _told(one: Observation, raster: Raster, settings: LogOddsSettings) -> tuple[Ints, Ints]:
+def _told(one: Observation, raster: Rasterizer, settings: LogOddsSettings) -> tuple[Ints, Ints]:
     """Return the cells that an observation calls wall, and those it calls free, each once."""
     hits = _places([raster.line(hit).flat(raster.window) for hit in one.hits])
     ways = [raster.seen_through(*beam).flat(raster.window) for beam in one.seen_through]

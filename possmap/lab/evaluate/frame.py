@@ -14,7 +14,7 @@ import numpy as np
 
 from possmap.core.evidence import Segment
 from possmap.errors import PossmapError, printable
-from possmap.lab.evaluate.observations import JudgedExcursion, Raster, observations
+from possmap.lab.evaluate.observations import JudgedExcursion, Rasterizer, observations
 from possmap.lab.evaluate.raster import Floats, Segments, cells_of, extent_of
 from possmap.lab.evaluate.tracks import apart, matched
 from possmap.lab.evaluate.true_poses import true_walls
@@ -134,7 +134,7 @@ def _crossings(runs: Sequence[Segment], walls: Segments, resolution: float) -> I
     """Tell of each run whether it goes through a true wall."""
     extent = extent_of(np.array([(r.x0, r.y0, r.x1, r.y1) for r in runs]), resolution)
     window = extent.intersection(extent_of(walls, resolution))
-    solid, raster = cells_of(walls, window, resolution).ravel(), Raster(window, resolution)
+    solid, raster = cells_of(walls, window, resolution).ravel(), Rasterizer(window, resolution)
     return (bool(solid[raster.line(run).flat(window)].any()) for run in runs)
 
 

@@ -118,7 +118,7 @@ class ErrorCells:
 
 
 @dataclass(frozen=True, slots=True)
-class Raster:
+class Rasterizer:
     """Where observations lie on the lattice.
 
     window : only its cells.
@@ -156,7 +156,7 @@ class Raster:
         """
         # A cell's centre and that of its nearest stamp's cell are each a little off the path.
         reach = math.ceil(width / 2 / self.resolution + 1.5)
-        path = Raster(grown(self.window, reach), self.resolution).line(run)
+        path = Rasterizer(grown(self.window, reach), self.resolution).line(run)
         up, across = np.mgrid[-reach : reach + 1, -reach : reach + 1].reshape(2, -1)
         rows, columns = path.rows[:, None] + up, path.columns[:, None] + across
         inside = self._inside(rows, columns)
@@ -174,7 +174,7 @@ class Raster:
         half_y = run.rect0.half_y + share * (run.rect1.half_y - run.rect0.half_y)
         cells = ErrorCells(row, column, half_x, half_y)
         under = np.hypot(x - share * dx, y - share * dy) <= width / 2 + HAIR * self.resolution
-        on_path = Raster(self.window, self.resolution).line(run)
+        on_path = Rasterizer(self.window, self.resolution).line(run)
         under |= np.isin(cells.flat(self.window), on_path.flat(self.window))
         return cells.chosen(under & (half_x < self.largest) & (half_y < self.largest))
 

@@ -262,9 +262,8 @@ def grid_words(one: GridScore) -> Iterator[str]:
     yield f"mean conflict {one.mean_conflict:.4f}"
     yield f"AUC of N alone {number_words(one.auc_necessity)}"
     if one.rectangles is not None:
-        held, by_length = one.rectangles, one.rectangles.coverage_by_length
-        along = "" if by_length is None else f" and {by_length:.1%} of the way"
-        yield f"rectangles hold the true place at {held.coverage:.1%} of {held.poses} poses{along}"
+        held = one.rectangles
+        yield f"rectangles hold the true place at {held.coverage:.1%} of {held.poses} poses"
         yield f"mean half-width {held.mean_half_width:.2f} m"
     if one.explored_free is not None:
         yield f"{one.explored_free:.1%} of the floor explored"

@@ -10,7 +10,7 @@ import numpy as np
 from possmap.core.lattice import Window
 from possmap.core.swath import normal_share
 from possmap.lab.evaluate.bayes import LogOdds, LogOddsGrid, LogOddsSettings
-from possmap.lab.evaluate.observations import ErrorCells, JudgedExcursion, Raster, observations
+from possmap.lab.evaluate.observations import ErrorCells, JudgedExcursion, Rasterizer, observations
 from possmap.lab.evaluate.raster import Floats, Ints, grown
 
 AT_ONCE = 512
@@ -39,7 +39,7 @@ def bayes_smeared(
         spread = _Gaussian(resolution, model.factor)
         farthest = int(spread.reach(np.array([model.max_error]))[0])
         # What is as far off as max_error is left out, as it is in possmap's own grid.
-        raster = Raster(grown(window, farthest), resolution, model.max_error)
+        raster = Rasterizer(grown(window, farthest), resolution, model.max_error)
         reports = _reports(excursion, raster, settings.body)
         region = spread.extent([one for part in reports for one in part], window)
         if not region.cells:
@@ -56,7 +56,7 @@ def bayes_smeared(
 
 
 def _reports(
-    excursion: JudgedExcursion, raster: Raster, body: float
+    excursion: JudgedExcursion, raster: Rasterizer, body: float
 ) -> tuple[list[ErrorCells], list[ErrorCells]]:
     """Return the cells of each report of a wall, and of each denial."""
     hits: list[ErrorCells] = []

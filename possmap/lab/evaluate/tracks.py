@@ -52,14 +52,12 @@ def apart(version: PartialMap, track: Floats, rows: Mapping[int, int]) -> Floats
 class TrackErrors:
     """One excursion's poses, truth against rectangle; arrays of one length.
 
-    distance : truly run so far [m], straight from pose to pose.
     error_x, error_y : true place minus corrected place [m].
     half_x, half_y : the rectangle's half-widths [m].
     """
 
     robot: str
     excursion: str
-    distance: Floats
     error_x: Floats
     error_y: Floats
     half_x: Floats
@@ -80,11 +78,9 @@ def track_errors(
     known = [(index, row) for index, row in rows.items() if index in found.geometry]
     placed = [found.geometry[index] for index, _ in known]
     true = track[[row for _, row in known]].reshape(-1, track.shape[1])
-    steps = np.hypot(np.diff(true[:, X]), np.diff(true[:, Y]))
     return TrackErrors(
         version.robot,
         version.excursion,
-        np.concatenate([np.zeros(min(1, len(true))), np.cumsum(steps)]),
         true[:, X] - np.array([at.x for at in placed]),
         true[:, Y] - np.array([at.y for at in placed]),
         np.array([at.rect.half_x for at in placed]),
@@ -97,27 +93,18 @@ class Rectangles:
     """How honest the rectangles are.
 
     coverage : share of the true positions at poses that lie in theirs.
-    coverage_by_length : the same along the tracks: each pose counts for the way that led to it.
     mean_half_width : mean of (hx + hy)/2 [m].
     """
 
     coverage: float
-    coverage_by_length: float | None
     mean_half_width: float
     poses: int
 
 
 def rectangles(tracks: Sequence[TrackErrors]) -> Rectangles | None:
     """Sum up the tracks; None without any matched pose."""
-    if not any(len(one.distance) for one in tracks):
+    if not any(len(one.half_x) for one in tracks):
         return None
     inside = np.concatenate([one.inside for one in tracks])
     half = np.concatenate([(one.half_x + one.half_y) / 2 for one in tracks])
-    length = np.concatenate([np.diff(one.distance, prepend=0.0) for one in tracks])
-    way = float(length.sum())
-    return Rectangles(
-        float(inside.mean()),
-        float((inside * length).sum() / way) if way else None,
-        float(half.mean()),
-        len(inside),
-    )
+    return Rectangles(float(inside.mean()), float(half.mean()), len(inside))
