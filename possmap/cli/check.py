@@ -53,6 +53,7 @@ def check(
     from possmap.cli.progress import bar
     from possmap.errors import printable
     from possmap.fusing.check import check as inspect
+    from possmap.fusing.told import doubts_axes, reach_line
 
     summary = inspect(
         logs, options.request(**settings), allow_truncated=allow_truncated, progress=bar
@@ -65,6 +66,11 @@ def check(
             click.echo(printable(one.path))
             for inspection in one.excursions:
                 click.echo("\n".join(_as_text(inspection)))
+    if not as_json:
+        for line in reach_line(summary.reach):
+            click.echo(line)
+        if doubts_axes(summary.reach) and summary.axes_deg is not None:
+            click.echo(f"most metres of wall lie along: --set axes={summary.axes_deg:.1f}")
     if as_json:
         click.echo(json.dumps({"logs": [asdict(one) for one in summary.files]}))
     if summary.refused:

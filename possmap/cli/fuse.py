@@ -71,6 +71,12 @@ def _dask(ctx: click.Context, param: click.Parameter, address: str | None) -> st
 @options.memory_of(4096, ", and each process of --jobs,")
 @click.option("--strict", is_flag=True, help="The first refused log ends the run, nothing is kept.")
 @click.option("--dry-run", is_flag=True, help="Read and judge the logs, write nothing.")
+@click.option("--recursive", is_flag=True, help="Take the logs of folders within folders, too.")
+@click.option(
+    "--tolerate-refused",
+    is_flag=True,
+    help="Exit with 0 though logs were refused; they are named and counted all the same.",
+)
 @options.allow_truncated
 @options.as_json
 @click.pass_context
@@ -84,6 +90,8 @@ def fuse(
     budget: Budget,
     strict: bool,
     dry_run: bool,
+    recursive: bool,
+    tolerate_refused: bool,
     allow_truncated: bool,
     as_json: bool,
     **settings: Any,
@@ -94,20 +102,20 @@ def fuse(
     JSON Lines on stdin, or another grid, whose ledger is fused anew under the settings of this
     one; with the extra cluster also a URL, such as s3://BUCKET/LOG.json. Each record counts once,
     however often and by whomever it is delivered. A refused log changes nothing; the others are
-    fused, and the exit status is 1.
+    fused, and the exit status is 1, or with --tolerate-refused 0: then 1 says that something else
+    is wrong.
 
     The settings of the first fuse belong to the grid; later calls need none.
     """
-    import gc
-
     from possmap.cli.progress import bar
     from possmap.errors import plural, printable
+    from possmap.fusing.executors import collect_seldom
     from possmap.fusing.fuse import fuse as fuse_logs
+    from possmap.fusing.told import reach_line
 
     if dask is not None and jobs > 1:
         raise click.UsageError("--dask and --jobs exclude each other")
-    # Records are many, and none of them is in a cycle: one fourteenth of the time of a batch.
-    gc.set_threshold(100_000, 50, 100)
+    collect_seldom()
     try:
         summary = fuse_logs(
             logs,
@@ -116,6 +124,7 @@ def fuse(
             strict=strict,
             dry_run=dry_run,
             allow_truncated=allow_truncated,
+            recursive=recursive,
             jobs=jobs,
             dask=dask,
             budget=budget,
@@ -141,7 +150,6 @@ def fuse(
                             "records_new": log.records_new,
                             "records_known": log.records_known,
                             "error": log.error,
-                            **({"note": log.note} if log.note else {}),
                         }
                         for log in summary.logs
                     ],
@@ -159,5 +167,7 @@ def fuse(
             f"{summary.count('refused')} refused"
         )
         click.echo(line)
-    if summary.count("refused"):
+        for told in reach_line(summary.reach):
+            click.echo(told)
+    if summary.count("refused") and not (tolerate_refused and not strict):
         ctx.exit(1)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -12,13 +13,14 @@ from possmap.core.estimators import estimate
 from possmap.core.linear import LinearError
 from possmap.core.model import ErrorModel
 from possmap.core.propagation import RIGHT_ANGLE, PoseError
-from possmap.core.records import KIND_OF, PartialMap, Pose
+from possmap.core.records import KIND_OF, PartialMap, Pose, Wall
 from possmap.core.settings import EvidenceSettings
 from possmap.core.track import stretches, waiting
+from possmap.core.walls import LEAST_LENGTH_M
 from possmap.errors import PossmapError
 from possmap.fusing import inputs
 from possmap.fusing.joining import Joining
-from possmap.fusing.layout import LaidOut, Version, lay_out
+from possmap.fusing.layout import LaidOut, Reach, Version, lay_out
 from possmap.logs.delivery import LogFile
 from possmap.progress import Progress, quiet
 from possmap.settings.request import Request, in_force
@@ -65,9 +67,15 @@ class CheckedFile:
 
 @dataclass(frozen=True, slots=True)
 class CheckSummary:
-    """What a run of ``check`` found."""
+    """What a run of ``check`` found.
+
+    reach : of every excursion: how much it can say.
+    axes_deg : the building's direction as its walls tell it, -45 to 45; None without walls.
+    """
 
     files: tuple[CheckedFile, ...] = field(default_factory=tuple)
+    reach: dict[tuple[str, str], Reach] = field(default_factory=dict)
+    axes_deg: float | None = None
 
     @property
     def refused(self) -> int:
@@ -92,7 +100,21 @@ def check(
     settings = in_force((request or Request()).given())
     joining = Joining(settings)
     names = progress(list(inputs.expand(logs)), "log")
-    return CheckSummary(tuple(_checked(name, joining, settings, allow_truncated) for name in names))
+    files = tuple(_checked(name, joining, settings, allow_truncated) for name in names)
+    reach = {name: one.reach for name, one in joining.laid_out.items()}
+    return CheckSummary(files, reach, _axes(one.whole for one in joining.came))
+
+
+def _axes(versions: Iterable[PartialMap]) -> float | None:
+    """Return the direction that most metres of wall lie along, or at right angles to [deg]."""
+    along = 0j
+    for version in {one.name: one for one in versions}.values():
+        for record in version.records:
+            if isinstance(record, Wall):
+                run = complex(record.x2 - record.x, record.y2 - record.y)
+                if abs(run) >= LEAST_LENGTH_M:
+                    along += run**4 / abs(run) ** 3
+    return math.degrees(cmath.phase(along)) / 4 if along else None
 
 
 def _checked(name: str, joining: Joining, settings: Settings, allow_truncated: bool) -> CheckedFile:

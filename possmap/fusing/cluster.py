@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from possmap.budget import Budget
 from possmap.errors import MissingExtra, WorkerError, plural, printable
+from possmap.fusing import urls
 from possmap.fusing.executors import STAYS, Hands
 from possmap.release import version
 
@@ -172,7 +173,7 @@ class Cluster(Executor):
 
 def _about(names: list[str]) -> str:
     others = f" or one of {len(names) - 1} after it" if len(names) > 1 else ""
-    return f"{printable(names[0])}{others}: "
+    return f"{printable(urls.public(names[0]))}{others}: "
 
 
 @contextmanager

@@ -47,29 +47,41 @@ class Version(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """How many of an excursion's records the error leaves anything to say.
+    """How many of an excursion's records the error leaves anything to say, and where they lie.
 
     records : that lie on the map. beyond : how many of them say nothing, their error being
-    ``max_error`` or more. seq, t : of the first of these. observations : of the heading.
+    ``max_error`` or more. seq, t : of the first of these. box : x0, y0, x1, y1 of all [m].
+    observations : of the heading.
     """
 
     records: int
     beyond: int
     seq: int | None
     t: float | None
+    box: tuple[float, float, float, float]
+    max_error: float
     observations: Observations
 
     @classmethod
     def of(cls, version: PartialMap, found: Findings) -> Reach:
         """Count the records of one excursion."""
-        most = found.model.max_error
-        beyond = [
-            number for number, at in found.geometry.items() if max(*at.rect, *at.rect2) >= most
-        ]
-        if not beyond:
-            return cls(len(found.geometry), 0, None, None, found.observations)
-        first = version.records[min(beyond)]
-        return cls(len(found.geometry), len(beyond), first.seq, first.t, found.observations)
+        most, places = found.model.max_error, found.geometry.values()
+        beyond = [n for n, at in found.geometry.items() if max(*at.rect, *at.rect2) >= most]
+        first = version.records[min(beyond)] if beyond else None
+        return cls(
+            len(found.geometry),
+            len(beyond),
+            first.seq if first else None,
+            first.t if first else None,
+            (
+                min((at.x for at in places), default=0.0),
+                min((at.y for at in places), default=0.0),
+                max((at.x for at in places), default=0.0),
+                max((at.y for at in places), default=0.0),
+            ),
+            most,
+            found.observations,
+        )
 
 
 class LaidOut(NamedTuple):

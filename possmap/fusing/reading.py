@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from possmap.budget import Budget
 from possmap.core.records import PartialMap
 from possmap.errors import BudgetError, GridError, LogError, printable
-from possmap.fusing import inputs
+from possmap.fusing import inputs, urls
 from possmap.fusing.layout import LaidOut, Version, lay_out
 from possmap.logs import Delivery, LogFile
 from possmap.settings.settings import Settings
@@ -66,6 +66,7 @@ def read_logs(names: Sequence[str], how: How, at_once: bool) -> list[Read]:
 
 
 def _read(name: str, how: How, at_once: bool) -> Read:
+    shown = urls.public(name)
     # What is compressed, or streamed, shows its size only when it is read.
     limits = how.settings.limits
     most = min(limits.limit_file_mib, how.budget.log_bytes / 2**20)
@@ -78,12 +79,12 @@ def _read(name: str, how: How, at_once: bool) -> Read:
     except (LogError, GridError, BudgetError) as error:
         by_budget = most < limits.limit_file_mib
         setting = f"(--memory {how.budget.mib})" if by_budget else "(setting limit_file_mib)"
-        return Read(name, None, str(error).replace("(setting limit_file_mib)", setting))
+        return Read(shown, None, str(error).replace("(setting limit_file_mib)", setting))
     except MemoryError:
-        return Read(name, None, f"{printable(name)}: takes more memory than there is")
+        return Read(shown, None, f"{printable(shown)}: takes more memory than there is")
     if not at_once:
-        return Read(name, log)
-    return Read(name, log, None, tuple(_laid_out(one, how.settings) for one in log.deliveries))
+        return Read(shown, log)
+    return Read(shown, log, None, tuple(_laid_out(one, how.settings) for one in log.deliveries))
 
 
 def _laid_out(one: Delivery, settings: Settings) -> LaidOut | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +19,11 @@ if TYPE_CHECKING:
 TYPICAL_SIZE = 1 << 16
 """Bytes of a log, where nobody has asked."""
 
+_PASSWORD = re.compile(r"(://[^/@:?#]*):[^/?#]*(?=@)")
+_SECRET = re.compile(
+    r"(?<=[?&])([^=&]*(?:password|secret|token|sig|signature|key|credential))=[^&#]*", re.IGNORECASE
+)
+
 _BLOCK = 1 << 20
 """Bytes that a store is asked for at once."""
 
@@ -25,6 +31,13 @@ _BLOCK = 1 << 20
 def is_url(name: str) -> bool:
     """Whether a name is that of a log in a store."""
     return "://" in name
+
+
+def public(name: str) -> str:
+    """Return a name as it may be printed and kept: a URL's without its password, or what is one."""
+    if not is_url(name):
+        return name
+    return _PASSWORD.sub(r"\1", _SECRET.sub(r"\1=...", name))
 
 
 def expand(url: str) -> Iterator[str]:
@@ -65,15 +78,15 @@ def read(url: str, limits: Limits, allow_truncated: bool) -> LogFile:
         about = store.info(path)
         if about.get("type") == "directory":
             expected = f"expected files of {', '.join(SUFFIXES)}"
-            raise LogError(url, f"the folder holds no logs, {expected}")
+            raise LogError(public(url), f"the folder holds no logs, {expected}")
         if about.get("type") != "file":
-            raise LogError(url, "not a regular file")
+            raise LogError(public(url), "not a regular file")
         size = about.get("size")
         if isinstance(size, int) and size > limits.limit_file_mib * 2**20:
             limit = f"{limits.limit_file_mib:g} MiB"
-            raise LogError(url, f"larger than {limit} (setting limit_file_mib)")
+            raise LogError(public(url), f"larger than {limit} (setting limit_file_mib)")
         with store.open(path, "rb", block_size=_BLOCK) as stream:
-            return read_open(url, _path_of(path), stream, limits, allow_truncated)
+            return read_open(public(url), _path_of(path), stream, limits, allow_truncated)
 
 
 @contextmanager
@@ -85,8 +98,9 @@ def _blamed(url: str) -> Iterator[None]:
         raise
     except Exception as error:  # a store raises what its library does: no class holds them all
         problem = getattr(error, "strerror", None) or str(error) or type(error).__name__
+        problem = public(problem.replace(url, public(url)))  # a library may well quote it
         problem = printable(" ".join(problem.split()))[:200]
-        raise LogError(url, f"cannot be read: {problem}") from error
+        raise LogError(public(url), f"cannot be read: {problem}") from error
 
 
 def _store_of(url: str) -> tuple[AbstractFileSystem, str]:
@@ -105,4 +119,4 @@ def _need_fsspec(url: str) -> None:
     try:
         import fsspec  # noqa: F401
     except ImportError:
-        raise MissingExtra(f"a log at a URL ({shown(url)})", "cluster") from None
+        raise MissingExtra(f"a log at a URL ({shown(public(url))})", "cluster") from None

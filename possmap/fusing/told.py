@@ -1,0 +1,73 @@
+"""What ``fuse`` and ``check`` say of how far records reach, and of what walls told."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from possmap.errors import plural, printable
+from possmap.fusing.layout import Reach
+
+FEW = 50
+"""Of fewer records it is not asked whether ``max_error`` suits the site."""
+
+AXES_DOUBTED = 4.0
+"""Σ r/√V / √n of the walls seen; farther from 0 the building's axes are not what they are said
+to be (METHOD §1)."""
+
+
+def reach_line(reach: Mapping[tuple[str, str], Reach]) -> Iterator[str]:
+    """Yield what a user should know of the excursions that were laid out, if anything: lines."""
+    beyond = {name: one for name, one in reach.items() if one.beyond}
+    if beyond:
+        (robot, excursion), first = min(beyond.items(), key=lambda item: (-item[1].beyond, item[0]))
+        records = sum(one.records for one in reach.values())
+        lost = sum(one.beyond for one in beyond.values())
+        others = plural(len(beyond) - 1, "other excursion") if len(beyond) > 1 else ""
+        yield (
+            f"{records - lost} of {plural(records, 'record')} on the map used; {lost} say nothing, "
+            f"being as unsure as max_error or more: {_where(robot, excursion, first)}"
+            f"{f', and in {others}' if others else ''}; calibrate the robot, drive shorter "
+            "excursions, or set max_error higher"
+        )
+    yield from _too_wide(reach)
+    if doubts_axes(reach):
+        yield (
+            f"the building's axes do not look right: the walls seen lie to one side of them by "
+            f"{_bias(reach):+.1f} times what chance allows, or contradict them; the setting axes "
+            "says where they are, and possmap check proposes it"
+        )
+
+
+def doubts_axes(reach: Mapping[tuple[str, str], Reach]) -> bool:
+    """Whether what walls told does not go together with the setting ``axes``."""
+    seen = [one.observations for one in reach.values()]
+    odd = sum(one.outliers for one in seen) > sum(one.used for one in seen)
+    return odd or abs(_bias(reach)) > AXES_DOUBTED
+
+
+def _bias(reach: Mapping[tuple[str, str], Reach]) -> float:
+    """Return Σ r/√V / √n of the walls that all excursions saw."""
+    seen = sum(one.observations.seen for one in reach.values())
+    residuals = sum(one.observations.residuals for one in reach.values())
+    return float(residuals / seen**0.5) if seen else 0.0
+
+
+def _too_wide(reach: Mapping[tuple[str, str], Reach]) -> Iterator[str]:
+    """Yield a line if ``max_error`` is more than half of what was driven."""
+    if sum(one.records for one in reach.values()) < FEW:
+        return
+    boxes = [one.box for one in reach.values()]
+    x0, y0, x1, y1 = (
+        pick(box[at] for box in boxes) for at, pick in enumerate((min, min, max, max))
+    )
+    wide, most = max(x1 - x0, y1 - y0), max(one.max_error for one in reach.values())
+    if most > wide / 2:
+        yield (
+            f"max_error {most:g} m is more than half of the site, {x1 - x0:.1f} by "
+            f"{y1 - y0:.1f} m: what is as unsure tells no room from the next; set max_error to {wide / 4:.1g} or so"
+        )
+
+
+def _where(robot: str, excursion: str, one: Reach) -> str:
+    time = "" if one.t is None else f" (t {one.t:g} s)"
+    return f"{printable(robot)} {printable(excursion)} from seq {one.seq}{time} on"
