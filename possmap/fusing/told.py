@@ -64,7 +64,8 @@ def _too_wide(reach: Mapping[tuple[str, str], Reach]) -> Iterator[str]:
     if most > wide / 2:
         yield (
             f"max_error {most:g} m is more than half of the site, {x1 - x0:.1f} by "
-            f"{y1 - y0:.1f} m: what is as unsure tells no room from the next; set max_error to {wide / 4:.1g} or so"
+            f"{y1 - y0:.1f} m: what is as unsure tells no room from the next; set max_error to "
+            f"{wide / 4:.1g} or so"
         )
 
 
