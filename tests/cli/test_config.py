@@ -262,11 +262,6 @@ def test_a_grid_made_with_robust_keeps_it(tmp_path: Path) -> None:
     assert again.exit_code == 1
 
 
-def test_the_estimator_heading_alone_can_be_asked_for(tmp_path: Path) -> None:
-    grid = fused(tmp_path, "--set", "estimator=heading")
-    assert in_force("-g", grid) == {**in_force(), "estimator": "heading"}
-
-
 def test_each_profile_is_offered_with_whom_it_suits() -> None:
     lines = run("config").output.splitlines()
     assert lines[0].startswith("# --profile robust: robots calibrated or not")

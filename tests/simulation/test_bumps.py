@@ -63,13 +63,6 @@ def test_what_the_sensors_see_is_not_touched(wall: tuple[float, float, float, fl
     assert not [one for one in told(bench) if one["kind"] == "wall" and one["x"] == one["x2"]]
 
 
-def test_a_wall_beside_the_way_is_not_touched() -> None:
-    bench = before((1.0, 0.12, 3.0, 0.12))
-    bench.run(2.0)
-    assert bench.steering.bumped == 0
-    assert bench.body.place.x == pytest.approx(2.0, abs=1e-3)
-
-
 def test_backing_off_ends_before_a_wall_behind() -> None:
     bench = before((0.3, 0.06, 3.0, 0.06), (-0.2, -2.0, -0.2, 2.0))
     bench.run(2.0)
