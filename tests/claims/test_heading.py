@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import cache
+from typing import Any
 
 import pytest
 from benchmarks.estimators import (
     AT,
     CALIBRATED,
     CASES,
-    METHODS,
-    NO_TURN_ERROR,
     Case,
     Count,
     Method,
@@ -286,24 +286,34 @@ def believable(inside: int, share: float) -> bool:
     return not (too_many or too_few)
 
 
-@pytest.fixture(scope="module")
-def counted() -> dict[str, dict[Method, Count]]:
-    """Drive 500 tracks of each kind, always the same ones."""
-    return {case.name: count(case, TRACKS, seed) for seed, case in enumerate(CASES)}
+@cache
+def counted(number: int) -> dict[Method, Count]:
+    """Drive 500 tracks of one kind, always the same ones."""
+    return count(CASES[number], TRACKS, number)
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def cases(methods: Callable[[Case], Iterable[Method]]) -> list[Any]:
+    """Return the cases by number, each with its methods; the first three tell most."""
+    return [
+        pytest.param(
+            number, method, id=f"{case.name}-{method}", marks=[pytest.mark.slow] * (number > 2)
+        )
+        for number, case in enumerate(CASES)
+        for method in methods(case)
+    ]
+
+
+@pytest.mark.parametrize(("number", "method"), cases(lambda case: case.shares))
 def test_robots_are_in_their_rectangles_as_often_as_the_method_says(
-    case: Case, method: Method, counted: dict[str, dict[Method, Count]]
+    number: int, method: Method
 ) -> None:
     """Each figure of METHOD: a right estimator fails it with a probability of 0.2 % at most.
 
-    So all 22 of them with 4.4 %, over seeds; the seeds are fixed. An estimator that holds .87
+    The seeds are fixed. An estimator that holds .87
     where .95 is said passes with less than 1 % (the next test).
     """
-    shares = case.shares.get(method, ())
-    inside = counted[case.name][method].inside
+    shares = CASES[number].shares[method]
+    inside = counted(number)[method].inside
     for found, share in zip(inside[len(AT) - len(shares) :], shares, strict=True):
         assert believable(found, share), (found / TRACKS, share)
 
@@ -313,20 +323,13 @@ def test_an_estimator_that_is_too_sure_by_eight_percent_is_found_out() -> None:
     assert slips_through < 0.01
 
 
-def test_errors_in_quadrature_without_a_heading_are_wrong(
-    counted: dict[str, dict[Method, Count]],
-) -> None:
-    inside = counted[NO_TURN_ERROR.name]["quadrature"].inside
+def test_errors_in_quadrature_without_a_heading_are_wrong() -> None:
+    inside = counted(0)["quadrature"].inside
     assert [believable(found, 0.95) for found in inside] == [True, False, False, False]
 
 
-SIZED = [(case, method) for case in CASES for method in case.half_width]
-
-
-@pytest.mark.parametrize(("case", "method"), SIZED, ids=lambda one: getattr(one, "name", one))
-def test_rectangles_are_as_large_as_the_method_says(
-    case: Case, method: Method, counted: dict[str, dict[Method, Count]]
-) -> None:
-    """Within 4 %; the mean of 500 tracks lies within 1 % of that of 20,000, or 3 % (free space)."""
-    mean = counted[case.name][method].half_widths / TRACKS
-    assert mean == pytest.approx(case.half_width[method], rel=0.04)
+@pytest.mark.parametrize(("number", "method"), cases(lambda case: case.half_width))
+def test_rectangles_are_as_large_as_the_method_says(number: int, method: Method) -> None:
+    """Within 6 %, for METHOD does not say how its tracks get onto an axis of the building."""
+    mean = counted(number)[method].half_widths / TRACKS
+    assert mean == pytest.approx(CASES[number].half_width[method], rel=0.06)
