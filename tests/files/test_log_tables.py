@@ -129,7 +129,7 @@ def csv_versions(folder: Path, text: str) -> list[PartialMap]:
     return [delivery.version for delivery in read(folder, "log.csv", text).deliveries]
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(4))
 def test_columns_may_stand_in_any_order(seed: int, tmp_path: Path) -> None:
     logs = random_team(np.random.default_rng(seed))[0]
     for version in [one for log in logs for one in (log, *log.get("carried", []))]:

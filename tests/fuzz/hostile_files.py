@@ -78,7 +78,7 @@ FILES: tuple[Case, ...] = (
         "mission",
         "a.yaml",
         text("world: {file: /dev/stdin}"),
-        '1: world.file, found "/dev/stdin", expected the path of a file, a regular one',
+        "/dev/stdin: is no regular file, expected a world",
     ),
     Case(
         "a map whose image is a device",
@@ -88,7 +88,7 @@ FILES: tuple[Case, ...] = (
             "{image: /dev/zero, resolution: 1, origin: [0, 0, 0], negate: 0, "
             "occupied_thresh: 0.6, free_thresh: 0.1}"
         ),
-        '1: image, found "/dev/zero", expected the path of a file, a regular one',
+        "/dev/zero: is no regular file, expected an image",
     ),
     Case(
         "1,000 tables in a mapping",

@@ -63,7 +63,7 @@ class Reader:
 
 def _log(path: Path) -> None:
     log = read_log(path, LIMITS, allow_truncated=True)
-    assert all(one.version.name == one.parcel.name for one in log.deliveries)
+    assert all(one.version.name == one.name for one in log.deliveries)
 
 
 def _stdin(path: Path) -> None:

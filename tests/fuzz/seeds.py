@@ -49,8 +49,9 @@ def image_seeds() -> list[bytes]:
     for mode, form in (("L", "PNG"), ("RGBA", "PNG"), ("1", "PNG"), ("P", "PNG"), ("I;16", "PNG"),
                        ("RGB", "BMP"), ("1", "PPM")):  # fmt: skip
         stream = io.BytesIO()
-        white = {"RGB": (255,) * 3, "RGBA": (255,) * 4, "I;16": 65535}.get(mode, 255)
-        Image.new(mode, (6, 5), white).save(stream, form)
+        white = Image.new("RGB", (6, 5), "white")
+        image = Image.new(mode, (6, 5), 65535) if mode == "I;16" else white.convert(mode)
+        image.save(stream, form)
         seeds.append(stream.getvalue())
     return seeds
 

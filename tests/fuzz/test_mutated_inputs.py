@@ -46,7 +46,7 @@ def test_a_changed_file_is_read_or_refused_in_one_line(name: str) -> None:
     seeds = seeds_of(name)
 
     @settings(
-        max_examples=40 if name in SLOW else 150,
+        max_examples=10 if name in SLOW else 60,
         deadline=None,
         database=None,
         suppress_health_check=[HealthCheck.too_slow],
