@@ -160,10 +160,10 @@ class Rasterizer:
         up, across = np.mgrid[-reach : reach + 1, -reach : reach + 1].reshape(2, -1)
         rows, columns = path.rows[:, None] + up, path.columns[:, None] + across
         inside = self._inside(rows, columns)
-        height, wide = self.window.shape
-        flags = np.zeros((height, wide), dtype=np.bool_)
-        flags[rows[inside] - self.window.row0, columns[inside] - self.window.column0] = True
-        row, column = (part.astype(np.int64) for part in np.nonzero(flags))
+        wide = max(1, self.window.shape[1])
+        inside_rows, inside_columns = rows[inside] - self.window.row0, columns[inside]
+        flat = np.unique(inside_rows * wide + inside_columns - self.window.column0)
+        row, column = np.divmod(flat, wide)
         row, column = row + self.window.row0, column + self.window.column0
         dx, dy = run.x1 - run.x0, run.y1 - run.y0
         length = math.hypot(dx, dy) or 1.0
@@ -175,7 +175,7 @@ class Rasterizer:
         cells = ErrorCells(row, column, half_x, half_y)
         under = np.hypot(x - share * dx, y - share * dy) <= width / 2 + HAIR * self.resolution
         on_path = Rasterizer(self.window, self.resolution).line(run)
-        under |= np.isin(cells.flat(self.window), on_path.flat(self.window))
+        under |= np.isin(flat, on_path.flat(self.window))
         return cells.chosen(under & (half_x < self.largest) & (half_y < self.largest))
 
     def _inside(self, rows: Ints, columns: Ints) -> Flags:
