@@ -11,11 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from possmap.errors import RecordingError
+from possmap.errors import RecordingError, SettingsError
 from possmap.lab.convert.samples import Samples, joined
 from possmap.lab.convert.tally import Tally
 from possmap.lab.recordings import Source, open_recordings, read_mapping, tables
+from possmap.lab.recordings.mapping import Mapping, Scan, Table
 from possmap.lab.recordings.recording import Recording
+from possmap.lab.recordings.tables import open_tables
 
 REAL = Path(__file__).parents[2].parent / "shared" / "realdata"
 SKIPPED = "rows cut short or without numbers, skipped"
@@ -656,3 +658,53 @@ def test_recordings_of_others_are_read_whole(name: str, mapping: str, samples: i
     tally = Tally()
     assert len(joined(recording.samples(tally, None))) == samples
     assert tally.of(SKIPPED) == 0
+
+
+SQUARE = "".join(f"{t},{100},{100},0.1,{90 * (t // 10) % 360}\n" for t in range(40))
+GYRO = {
+    "ticks": "columns: {t: 1, left: 2, right: 3, yaw: 5}\n"
+    "ticks: {metres_per_tick: 0.001, track: 0.2, cumulative: false}\n",
+    "speed": "columns: {t: 1, forward: 4, yaw: 5}\n",
+    "speed and rate": "columns: {t: 1, forward: 4, turn: 4, yaw: 5}\n",
+}
+
+
+@pytest.mark.parametrize("rules", GYRO)
+def test_a_heading_that_is_measured_beats_what_wheels_and_rates_say(
+    tmp_path: Path, rules: str
+) -> None:
+    """Ten steps of 10 cm in each of four directions; the first step of a side cuts its corner."""
+    (tmp_path / "drive.csv").write_text(SQUARE)
+    rule = tmp_path / "rules.yaml"
+    rule.write_text(f"format: csv\nheader: false\nunits: {{angle: deg}}\n{GYRO[rules]}")
+    recording = open_tables([tmp_path / "drive.csv"], read_mapping(rule), ())
+    samples = joined(recording.samples(Tally(), None))
+    assert (samples.x[-1], samples.y[-1]) == pytest.approx((0, 0), abs=0.11)
+    assert np.degrees(samples.yaw[[0, 15, 25, 39]]) == pytest.approx([0, 90, 180, 270])
+    assert max(samples.x) == pytest.approx(1.0, abs=0.11)
+
+
+@pytest.mark.parametrize(
+    ("columns", "told"),
+    [
+        ("t: t, x: x, y: y, forward: v", "found forward, which says nothing here"),
+        ("t: t, x: x, y: y, turn: w", "found turn, which says nothing here"),
+        ("t: t, x: x, y: y, left: l", "found one of left and right, expected both or none"),
+        ("t: t, x: x, y: y, yaw: w, qx: a, qy: b, qz: c, qw: d", "found yaw and a quaternion"),
+    ],
+)
+def test_a_role_that_nobody_would_read_is_refused_by_its_name(
+    tmp_path: Path, columns: str, told: str
+) -> None:
+    rule = tmp_path / "rules.yaml"
+    rule.write_text(f"format: csv\ncolumns: {{{columns}}}\n")
+    with pytest.raises(SettingsError, match=told):
+        read_mapping(rule)
+
+
+def test_a_scan_of_more_than_all_around_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "drive.json"
+    path.write_text(json.dumps([{"t": t, "x": t, "y": 0, "r": [1.0] * 361} for t in range(3)]))
+    table = Table("", {"t": "t", "x": "x", "y": "y"}, (), Scan("r", -math.pi / 2, math.radians(1)))
+    with pytest.raises(RecordingError, match=r"found 361 readings 1 degrees apart, expected the"):
+        open_tables([path], Mapping("json", (table,)), (0.0,))

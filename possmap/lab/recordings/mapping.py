@@ -34,11 +34,7 @@ STANDARD_UNITS: MappingABC[str, str] = MappingProxyType(
     {"time": "s", "length": "m", "range": "m", "speed": "m/s", "angle": "rad", "turn_rate": "rad/s"}
 )
 
-_NEED = (
-    frozenset({"x", "y"}),
-    frozenset({"forward", "turn"}),
-    frozenset({"left", "right"}),
-)
+_PAIRS = ("x", "y"), ("left", "right"), ("vx", "vy")
 _QUATERNION = frozenset({"qx", "qy", "qz", "qw"})
 
 
@@ -129,18 +125,30 @@ class Table:
     mount: Mount | None = None
 
     @property
+    def ways(self) -> list[str]:
+        """By which roles the robot's place can be had from it."""
+        roles = self.columns.keys()
+        turns = "turn" in roles or self._measures_yaw
+        ways = {
+            "x and y": {"x", "y"} <= roles,
+            "forward and turn": "forward" in roles and turns,
+            "left and right": {"left", "right"} <= roles,
+        }
+        return [way for way, is_there in ways.items() if is_there]
+
+    @property
     def gives_place(self) -> bool:
         """Whether the robot's place can be had from it."""
-        return any(need <= self.columns.keys() for need in _NEED)
+        return bool(self.ways)
 
     @property
     def gives_yaw(self) -> bool:
-        """Whether the body's heading can be had from it."""
-        return (
-            "yaw" in self.columns
-            or self.columns.keys() >= _QUATERNION
-            or any(need <= self.columns.keys() for need in _NEED[1:])
-        )
+        """Whether the body's heading can be had from it; measured, it beats wheels and rates."""
+        return self._measures_yaw or any(way != "x and y" for way in self.ways)
+
+    @property
+    def _measures_yaw(self) -> bool:
+        return "yaw" in self.columns or self.columns.keys() >= _QUATERNION
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +207,7 @@ def fault_of(tables: tuple[Table, ...], ticks: Ticks | None, in_body: bool = Fal
             "or left and right"
         )
     (place,) = places
-    if sum(need <= place.columns.keys() for need in _NEED) > 1:
+    if len(place.ways) > 1:
         return "the place comes from more than one of x y, forward turn, left right; expected one"
     if {"left", "right"} <= place.columns.keys() and ticks is None:
         return "left and right are ticks, expected the key ticks to say what they are worth"
@@ -209,8 +217,14 @@ def fault_of(tables: tuple[Table, ...], ticks: Ticks | None, in_body: bool = Fal
             return f"found {', '.join(sorted(some))}, expected qx, qy, qz and qw together"
         if "vx" in table.columns and not table.gives_place:
             return "vx and vy check the place, expected them in the table that gives it"
-        if ("vx" in table.columns) != ("vy" in table.columns):
-            return "found one of vx and vy, expected both or none"
+        for pair in _PAIRS:
+            if len(table.columns.keys() & set(pair)) == 1:
+                return f"found one of {' and '.join(pair)}, expected both or none"
+        if some and "yaw" in table.columns:
+            return "found yaw and a quaternion, expected one of them"
+        for role in table.columns.keys() & {"forward", "turn"}:
+            if "forward and turn" not in table.ways or "forward" not in table.columns:
+                return f"found {role}, which says nothing here; expected forward with turn or yaw"
     if in_body and "vx" in place.columns and not place.gives_yaw:
         return "velocity_in_body needs the body's heading in the table of vx and vy"
     headings = [table for table in tables if table.gives_yaw]

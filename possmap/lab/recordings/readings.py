@@ -228,9 +228,10 @@ class Interpreter:
         if "x" in columns:
             place = np.column_stack([columns["x"], columns["y"]]) * self._mapping.worth("length")
         elif "forward" in columns:
-            place, yaw = self._reckoner.by_speeds(t, columns["forward"], columns["turn"])
+            forward, turn = columns["forward"], columns.get("turn")
+            place, yaw = self._reckoner.by_speeds(t, forward, turn, yaw)
         elif "left" in columns:
-            place, yaw = self._reckoner.by_ticks(columns["left"], columns["right"])
+            place, yaw = self._reckoner.by_ticks(columns["left"], columns["right"], yaw)
         if "vx" in columns and place is not None:
             velocity = np.column_stack([columns["vx"], columns["vy"]])
             velocity = velocity * self._mapping.worth("speed")

@@ -17,11 +17,13 @@ class Reckoner:
     def __init__(self, mapping: Mapping, tally: Tally) -> None:
         self._mapping = mapping
         self._tally = tally
-        self._pose = (0.0, 0.0, 0.0)
+        self._pose: tuple[float, float, float] | None = None
         self._last_t: float | None = None
         self._last_ticks: tuple[float, float] | None = None
 
-    def by_speeds(self, t: Floats, forward: Floats, turn: Floats) -> tuple[Floats, Floats]:
+    def by_speeds(
+        self, t: Floats, forward: Floats, turn: Floats | None, yaw: Floats | None
+    ) -> tuple[Floats, Floats]:
         """Return the place (n, 2) [m] and the heading (n,) [rad] at each row.
 
         Each speed holds since the row before.
@@ -32,22 +34,27 @@ class Reckoner:
             Times, (n,) [s].
         forward, turn
             Speed ahead and rate of turn, as the file has them, (n,).
+        yaw
+            Heading that something else measured, which counts instead of the rate (n,) [rad].
         """
         if not len(t):
-            return self._laid(forward, turn)
+            return self._laid(forward, forward, yaw)
         seconds = np.diff(t, prepend=t[0] if self._last_t is None else self._last_t)
         self._last_t = float(t[-1])
         distance = forward * self._mapping.worth("speed") * seconds
-        return self._laid(distance, turn * self._mapping.worth("turn_rate") * seconds)
+        if turn is not None:
+            turn = turn * self._mapping.worth("turn_rate") * seconds
+        return self._laid(distance, turn, yaw)
 
-    def by_ticks(self, left: Floats, right: Floats) -> tuple[Floats, Floats]:
+    def by_ticks(self, left: Floats, right: Floats, yaw: Floats | None) -> tuple[Floats, Floats]:
         """Return the place (n, 2) [m] and the heading (n,) [rad] at each row.
 
         Parameters
         ----------
         left, right
-            Counters, or what was counted since the row before, (n,) (docs/convert.md, "Wheel
-            ticks").
+            Counters, or what was counted since the row before, (n,) (docs/convert.md).
+        yaw
+            As above: a gyro or compass beside the wheels.
         """
         ticks = self._mapping.ticks
         if ticks is None:
@@ -55,9 +62,8 @@ class Reckoner:
         if ticks.cumulative and len(left):
             left, right = self._counted(left, right, ticks)
         metres_left, metres_right = left * ticks.left, right * ticks.right
-        return self._laid(
-            (metres_left + metres_right) / 2, (metres_right - metres_left) / ticks.track
-        )
+        turn = (metres_right - metres_left) / ticks.track
+        return self._laid((metres_left + metres_right) / 2, turn, yaw)
 
     def _counted(self, left: Floats, right: Floats, ticks: Ticks) -> tuple[Floats, Floats]:
         """Return what counters went on by since the row before."""
@@ -72,10 +78,18 @@ class Reckoner:
             self._tally.add("tick counters that began anew, continued", count=jumps)
         return (left + half) % ticks.wrap - half, (right + half) % ticks.wrap - half
 
-    def _laid(self, distance: Floats, turn: Floats) -> tuple[Floats, Floats]:
+    def _laid(
+        self, distance: Floats, turn: Floats | None, measured: Floats | None
+    ) -> tuple[Floats, Floats]:
         """Lay arcs one behind the other: way [m] and turn [rad] of each row, from the last pose."""
-        x, y, yaw = self._pose
-        after = yaw + np.cumsum(turn)
+        x, y, yaw = self._pose or (0.0, 0.0, 0.0)
+        if measured is not None:
+            before = measured[:1] if self._pose is None else [yaw]
+            turn = np.diff(measured, prepend=before)
+            after = measured
+        else:
+            turn = np.zeros(len(distance)) if turn is None else turn
+            after = yaw + np.cumsum(turn)
         middle = after - turn / 2
         chord = distance * np.sinc(turn / (2 * math.pi))
         place = np.column_stack(

@@ -121,7 +121,11 @@ def _plan(path: Path, table: Table, mapping: Mapping, wanted: Sequence[float]) -
     if not isinstance(ranges, list):
         problem = f"{scan.column}, found {shown(ranges)}, expected a list of ranges"
         raise RecordingError(f"{path}:{line}", problem)
-    used, mounts = of_scan(scan, scan.count or len(ranges), wanted)
+    count = scan.count or len(ranges)
+    if (count - 1) * abs(scan.step) >= math.tau - 1e-9:
+        problem = f"{scan.column}, found {count} readings {math.degrees(scan.step):g} degrees apart"
+        raise RecordingError(f"{path}:{line}", f"{problem}, expected the step_deg of this scan")
+    used, mounts = of_scan(scan, count, wanted)
     return _Plan(roles, (), (listed, tuple(used)), tuple(mounts))
 
 

@@ -37,14 +37,12 @@ def judged(ranges: Floats, limits: Floats, type_: str, tally: Tally) -> Floats:
     """Return the readings of standard messages: NaN where one is none, infinity for nothing seen.
 
     As REP 117 has it, +infinity says that nothing was in sight, and -infinity, NaN and whatever is
-    out of limits say nothing. A range finder's longest reading is its way to say infinity.
+    out of limits say nothing. A longest reading is the way of many drivers to say infinity.
 
     ranges : (n, k) [m]. limits : (n, 2), as LIMITS has them [m].
     """
     low, high = limits[:, :1], limits[:, 1:]
-    nothing = np.isposinf(ranges)
-    if type_ == RANGE:
-        nothing |= ranges >= high
+    nothing = np.isposinf(ranges) | (ranges >= high if type_ == RANGE else ranges == high)
     sound = (ranges >= low) & (ranges <= high) & ~nothing
     tally.add("readings that mean nothing, dropped", count=int((~sound & ~nothing).sum()))
     return np.where(nothing, math.inf, np.where(sound, ranges, math.nan))
