@@ -189,7 +189,7 @@ def settings(command: F) -> F:
             "--profile",
             type=click.Choice(["paper", "robust"]),
             help="A shipped set of settings: robust, for any robot that sees walls; or the paper's."
-            "  [default: paper]",
+            "  [default: robust]",
         ),
     ):
         command = option(command)

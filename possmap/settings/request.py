@@ -84,7 +84,10 @@ def _default(given: Mapping[str, Given]) -> GivenSettings:
         return {}  # the paper's values are those of the dataclasses
     from possmap.settings.settings_yaml import read_profile
 
-    return read_profile(DEFAULT_PROFILE)
+    origin = f"the default profile {DEFAULT_PROFILE} (--profile paper has no discounts)"
+    return {
+        name: Given(value, origin) for name, (value, _) in read_profile(DEFAULT_PROFILE).items()
+    }
 
 
 def _refused(
