@@ -66,7 +66,13 @@ class Reach(NamedTuple):
     def of(cls, version: PartialMap, found: Findings) -> Reach:
         """Count the records of one excursion."""
         most, places = found.model.max_error, found.geometry.values()
-        beyond = [n for n, at in found.geometry.items() if max(*at.rect, *at.rect2) >= most]
+        beyond = [
+            number
+            for number, (_, _, (half_x, half_y), _, _, (half_x2, half_y2), _) in (
+                found.geometry.items()
+            )
+            if half_x >= most or half_y >= most or half_x2 >= most or half_y2 >= most
+        ]
         first = version.records[min(beyond)] if beyond else None
         return cls(
             len(found.geometry),
@@ -136,9 +142,12 @@ def _check_places(version: Version, found: Findings, resolution: float) -> None:
     """Refuse what the correction takes off every lattice, or makes wider than one."""
     most = min(FARTHEST * resolution, FARTHEST_M)
     for number, at in found.geometry.items():
-        places = at.x, at.y, at.x2, at.y2, *at.rect, *at.rect2
-        if not (-most < min(places) and max(places) < most):
-            away, wide = max(map(abs, places[:4])), max(places[4:])
+        x, y, (half_x, half_y), x2, y2, (half_x2, half_y2), _ = at
+        if not (
+            -most < x < most and -most < y < most and -most < x2 < most and -most < y2 < most
+            and half_x < most and half_y < most and half_x2 < most and half_y2 < most
+        ):  # fmt: skip
+            away, wide = max(map(abs, (x, y, x2, y2))), max(*at.rect, *at.rect2)
             what = f"lies, corrected, {away:.3g} m from the origin"
             if away < most:
                 what = f"is uncertain by {wide:.3g} m"
