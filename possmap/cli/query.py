@@ -49,8 +49,9 @@ def query(
 ) -> None:
     """Say what is known of the point (X, Y), in metres, and which records say so.
 
-    N, the necessity of a wall, does not mean that this very cell is wall, but that a wall lies
-    within the error rectangle of this cell.
+    Belief and plausibility weigh what speaks for a wall and against it together; necessity and
+    possibility are what each side says alone. N does not mean that this very cell is wall, but that
+    a wall lies within the error rectangle of this cell.
     """
     from possmap.errors import brief
     from possmap.inspection.query import query as ask
@@ -59,23 +60,24 @@ def query(
     if as_json:
         click.echo(json.dumps(asdict(report)))
         return
-    n, p = report.views["necessity"], report.views["possibility"]
-    click.echo(f"cell          row {report.row}, column {report.column}, ", nl=False)
+    views = report.views
+    belief, plausibility = views["belief"], views["plausibility"]
+    click.echo(f"cell            row {report.row}, column {report.column}, ", nl=False)
     click.echo(f"centre ({report.x:.3f}, {report.y:.3f}) m")
-    click.echo(f"wall          necessity {n:.4f}, possibility {p:.4f}: {_in_words(n, p)}")
-    others = ("ignorance", "conflict", "mass_wall", "mass_free", "mass_unknown", "probability")
-    for name in others:
-        click.echo(f"{name:<14}{report.views[name]:.4f}")
-    click.echo(f"point         necessity {report.views['points']:.4f}")
-    click.echo(f"records       {len(report.witnesses) or 'none'}")
+    words = _in_words(belief, plausibility, views["contested"])
+    click.echo(f"wall            belief {belief:.4f}, plausibility {plausibility:.4f}: {words}")
+    for name, value in views.items():
+        if name not in ("belief", "plausibility", "points"):
+            click.echo(f"{name:<16}{value:.4f}")
+    click.echo(f"point           necessity {report.views['points']:.4f}")
+    click.echo(f"records         {len(report.witnesses) or 'none'}")
     for one in report.witnesses:
         record = f"{brief(one.robot)} {brief(one.excursion)} seq {one.seq} ({one.kind})"
         click.echo(f"  {record}: {one.says} {one.value:.4f}")
 
 
-def _in_words(necessity: float, possibility: float) -> str:
-    if necessity > possibility:
-        return "contradicted"
-    if necessity == 0 and possibility == 1:
+def _in_words(belief: float, plausibility: float, contested: float) -> str:
+    if belief == 0 and plausibility == 1:
         return "unknown"
-    return f"P(wall) between {necessity:.4f} and {possibility:.4f}"
+    told = f"P(wall) between {belief:.4f} and {plausibility:.4f}"
+    return f"{told}, contested" if contested > 0.5 else told

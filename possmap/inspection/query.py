@@ -11,6 +11,7 @@ import numpy as np
 from possmap.core import kernel, views
 from possmap.core.clip import spared
 from possmap.core.evidence import Evidence, Layer
+from possmap.core.fusion import necessity_of
 from possmap.core.lattice import TILE, TileKey, Window
 from possmap.core.pyramid import FULL, relevant
 from possmap.core.records import KIND_OF
@@ -65,8 +66,10 @@ def query(path: Path, x: float, y: float, base_rate: float = 0.5) -> PointReport
     with Grid(path) as grid, grid.snapshot():
         row, column = grid.lattice.cell_of(x, y)
         window = Window(row, row + 1, column, column + 1)
-        names = [*views.VIEWS, "points"]
-        values = {name: float(grid.view(name, window, base_rate)[0, 0]) for name in names}
+        walls, free, points = (grid.tiles.read_window(layer, window) for layer in Layer)
+        cell = views.Readout.of(walls, free, grid.tiles.free_fusion)
+        values = {name: float(view(cell, base_rate)[0, 0]) for name, view in views.VIEWS.items()}
+        values["points"] = float(necessity_of(points)[0, 0])
         centre_x, centre_y = grid.lattice.centre_of(row, column)
         strongest = sorted(_witnesses(grid, window), key=lambda witness: -witness.value)
         return PointReport(

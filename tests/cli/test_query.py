@@ -54,16 +54,21 @@ def test_a_point_is_told_with_every_view_and_every_kind_of_record(grid: Path) ->
     # N = S(.5, .5), Π = .5, K = .75·.5; the wall that waits (seq 8) and the meeting say nothing.
     # The beam that hit denies walls up to 0.55 m short of its hit: 10 cells, .5·(1 - .5/.525).
     assert result.stdout == (
-        "cell          row -11, column -21, centre (-1.025, -0.525) m\n"
-        "wall          necessity 0.7500, possibility 0.5000: contradicted\n"
-        "ignorance     0.2000\n"
-        "conflict      0.3750\n"
-        "mass_wall     0.6000\n"
-        "mass_free     0.2000\n"
-        "mass_unknown  0.2000\n"
-        "probability   0.6667\n"
-        "point         necessity 0.5000\n"
-        "records       6\n"
+        "cell            row -11, column -21, centre (-1.025, -0.525) m\n"
+        "wall            belief 0.6000, plausibility 0.8000: P(wall) between 0.6000 and 0.8000\n"
+        "necessity       0.7500\n"
+        "possibility     0.5000\n"
+        "ignorance       0.2000\n"
+        "contested       0.4000\n"
+        "conflict        0.3750\n"
+        "mass_wall       0.6000\n"
+        "mass_free       0.2000\n"
+        "mass_unknown    0.2000\n"
+        "probability     0.6667\n"
+        "pignistic       0.7000\n"
+        "pignistic_logit 0.8473\n"
+        "point           necessity 0.5000\n"
+        "records         6\n"
         "  r1 a seq 1 (wall): wall 0.5000\n"
         "  r1 a seq 2 (corner): point 0.5000\n"
         "  r1 a seq 3 (beam): wall 0.5000\n"
@@ -129,7 +134,7 @@ def test_the_strongest_record_comes_first(tmp_path: Path) -> None:
     lines = run("query", grid, 0, 0).stdout.splitlines()
     # Five cells away: 0.5·(1 - 0.25/0.525).
     assert lines[1:2] + lines[-2:] == [
-        "wall          necessity 0.6310, possibility 1.0000: P(wall) between 0.6310 and 1.0000",
+        "wall            belief 0.6310, plausibility 1.0000: P(wall) between 0.6310 and 1.0000",
         "  r1 a seq 2 (wall): wall 0.5000",
         "  r1 a seq 1 (wall): wall 0.2619",
     ]
@@ -138,16 +143,21 @@ def test_the_strongest_record_comes_first(tmp_path: Path) -> None:
 def test_where_nothing_was_seen_nothing_is_known(grid: Path) -> None:
     result = run("query", grid, "1e3", "-1e-3")
     assert result.stdout == (
-        "cell          row -1, column 20000, centre (1000.025, -0.025) m\n"
-        "wall          necessity 0.0000, possibility 1.0000: unknown\n"
-        "ignorance     1.0000\n"
-        "conflict      0.0000\n"
-        "mass_wall     0.0000\n"
-        "mass_free     0.0000\n"
-        "mass_unknown  1.0000\n"
-        "probability   0.5000\n"
-        "point         necessity 0.0000\n"
-        "records       none\n"
+        "cell            row -1, column 20000, centre (1000.025, -0.025) m\n"
+        "wall            belief 0.0000, plausibility 1.0000: unknown\n"
+        "necessity       0.0000\n"
+        "possibility     1.0000\n"
+        "ignorance       1.0000\n"
+        "contested       0.0000\n"
+        "conflict        0.0000\n"
+        "mass_wall       0.0000\n"
+        "mass_free       0.0000\n"
+        "mass_unknown    1.0000\n"
+        "probability     0.5000\n"
+        "pignistic       0.5000\n"
+        "pignistic_logit 0.0000\n"
+        "point           necessity 0.0000\n"
+        "records         none\n"
     )
 
 
@@ -167,7 +177,7 @@ def test_the_base_rate_is_the_probability_of_what_is_unknown(grid: Path) -> None
 )
 def test_negative_coordinates_need_no_tricks(x: str, y: str, cell: str, grid: Path) -> None:
     result = run("query", grid, x, y)
-    assert result.stdout.startswith(f"cell          {cell}, centre (")
+    assert result.stdout.startswith(f"cell            {cell}, centre (")
     assert result.exit_code == 0
     assert run("query", "--", grid, x, y).stdout == result.stdout
 
@@ -201,5 +211,5 @@ def test_an_empty_grid_is_unknown_everywhere(tmp_path: Path) -> None:
     log.write_text(json.dumps({**LOOKED_AT, "records": []}))
     assert run("fuse", log, "-g", grid).exit_code == 0
     lines = run("query", grid, 0, 0).stdout.splitlines()
-    assert lines[1] == "wall          necessity 0.0000, possibility 1.0000: unknown"
-    assert lines[-1] == "records       none"
+    assert lines[1] == "wall            belief 0.0000, plausibility 1.0000: unknown"
+    assert lines[-1] == "records         none"
