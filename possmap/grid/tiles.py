@@ -64,6 +64,8 @@ class TileStore:
             f' WHERE layer IN ({_LAYERS}) AND row = ? AND "column" = ?',
             tuple(key),
         )
+        if any(data is None for *_, data in stored):
+            raise self._database.damaged(f"tile {key.row}, {key.column}: no cells")
         return {
             Layer(layer): EncodedTile(Window(*bounds), digest, data)
             for layer, *bounds, digest, data in stored

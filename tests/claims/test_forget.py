@@ -38,7 +38,9 @@ class Team:
         self.rng = np.random.default_rng(7000 + seed)
         self.folder = folder
         self.logs, given = random_team(self.rng)
-        profile = ROBUST if seed % 2 else {}
+        profile = dict(ROBUST) if seed % 2 else {}
+        if seed % 2 and independence == "detection":  # discounts are of whole excursions
+            profile |= {"certainty_power": 1.0, "pass_weight": 1.0}
         self.settings: dict[str, Any] = {**given, **profile, "independence": independence}
         self.paths = write_logs(folder / "logs", self.logs)
         self.grid = folder / "site.possmap"
