@@ -268,12 +268,13 @@ def test_each_profile_is_offered_with_whom_it_suits() -> None:
     assert lines[1].startswith("# --profile paper: to repeat the paper")
 
 
+@pytest.mark.default_profile
 def test_what_does_not_go_with_the_default_profile_is_told_of_it() -> None:
     assert run("config", "--set", "independence=detection").stderr == (
         "possmap: the default profile robust (--profile paper has no discounts): certainty_power, "
         "found 1.5, expected 1 without independence: excursion\n"
     )
-    paper = in_force("--profile", "paper", "--set", "independence=detection")
+    paper = in_force("--profile", "paper")
     assert paper["certainty_power"] == 1
 
 
