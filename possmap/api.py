@@ -12,7 +12,7 @@ from possmap.errors import PossmapError
 from possmap.fusing.fuse import FuseSummary
 from possmap.fusing.fuse import fuse as _fuse
 from possmap.grid.grid import Grid as _Grid
-from possmap.inspection.diff_summary import DiffSummary
+from possmap.inspection.diff import DiffSummary
 from possmap.lab.evaluate.results import Evaluation
 from possmap.release import version
 from possmap.settings.request import Request

@@ -57,5 +57,6 @@ def demo(
     x, y = told["home"]
     team = plural(len({robot["robot"] for robot in told["robots"]}), "robot")
     title = f"{team} from ({x:g}, {y:g})"
-    render(grid, picture, Look(truth=truth, tracks=True, title=title), overwrite)
+    look = Look(truth=truth, tracks=True, title=title, max_size=700)
+    render(grid, picture, look, overwrite)
     return DemoSummary(folder, mission, fused, picture)

@@ -13,10 +13,10 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.budget import Budget
+    from possmap.grid.selection import Selection
     from possmap.inspection.audit import Audit, Side
 
-_COLUMNS = ("contradiction", "above", "compared", "mean K", "wall/free", "free/wall")
+_COLUMNS = ("contradiction", "above", "compared", "mean K", "walls", "outliers", "surprise")
 
 
 @click.command(epilog="Example: possmap audit site.possmap")
@@ -30,24 +30,24 @@ _COLUMNS = ("contradiction", "above", "compared", "mean K", "wall/free", "free/w
     help="How many robots and excursions to list; --json has all.",
 )
 @options.window
-@options.memory
+@options.selection
 @options.as_json
 def audit(
     grid: Path,
     top: int,
     window: tuple[float, float, float, float] | None,
-    budget: Budget,
+    selection: Selection,
     as_json: bool,
 ) -> None:
-    """Say which robots and excursions contradict the others most.
+    """Say which robots and excursions contradict others, or what their own walls tell.
 
-    Each is held against the grid without it, in the cells of which both say something. Who stands
-    out may be broken, or the only one that is right: look at the place.
+    Each is held against what the other robots say of the same cells, and against its own model.
+    Who stands out may be broken, or the only one that is right: look at the place.
     """
     from possmap.cli.progress import bar
     from possmap.inspection.audit import audit as hold
 
-    found = hold(grid, window_m=window, progress=bar, budget=budget)
+    found = hold(grid, window_m=window, selection=selection, progress=bar)
     click.echo(json.dumps(_as_json(found)) if as_json else "\n".join(_as_text(found, top)))
 
 
@@ -61,9 +61,8 @@ def _as_json(found: Audit) -> dict[str, Any]:
 
 
 def _of(side: Side) -> dict[str, Any]:
-    told = asdict(side)
-    if side.excursion is None:
-        del told["excursion"]
+    told = asdict(side) | {"stands_out": side.stands_out, "reasons": list(side.reasons)}
+    del told["since" if side.excursion is not None else "excursion"]
     if side.worst is not None:
         told["worst"] = dict(zip(("x", "y", "conflict"), side.worst, strict=True))
     return told
@@ -77,7 +76,7 @@ def _as_text(found: Audit, top: int) -> Iterator[str]:
         f"judged      {_judged(found.robots)} of {plural(len(found.robots), 'robot')}, "
         f"{_judged(found.excursions)} of {plural(len(found.excursions), 'excursion')}"
     )
-    yield f"stands out  {_suspects(found)}"
+    yield f"stands out  {_suspects(found, top)}"
     sides = [*_listed(found.robots, top), *_listed(found.excursions, top)]
     width = max([0, *(len(_name(one)) for one in sides)])
     digits = len(str(max(1, min(top, len(found.excursions)))))
@@ -91,7 +90,7 @@ def _as_text(found: Audit, top: int) -> Iterator[str]:
             yield f"{name:<{len('excursions')}}" + "".join(_cells(one))
     unjudged = [one for one in found.excursions if not one.judged]
     if unjudged:
-        yield "not judged, for others say too little of the same cells"
+        yield "not compared, for others say too little of the same cells"
         for one in unjudged[:top]:
             yield f"  {_name(one)}: {plural(one.compared, 'cell')} compared, {one.share:.1%}"
         if len(unjudged) > top:
@@ -103,7 +102,7 @@ def _judged(sides: Sequence[Side]) -> int:
 
 
 def _listed(sides: Sequence[Side], top: int) -> list[Side]:
-    return [one for one in sides if one.judged][:top]
+    return [one for one in sides if one.judged or one.stands_out][:top]
 
 
 def _name(side: Side) -> str:
@@ -113,17 +112,23 @@ def _name(side: Side) -> str:
     return " ".join(map(brief, names))
 
 
-def _suspects(found: Audit) -> str:
-    names = [
-        f"{kind} {_name(one)}"
-        for kind, sides in (("robot", found.robots), ("excursion", found.excursions))
-        for one in sides
-        if one.stands_out
-    ]
+def _suspects(found: Audit, top: int) -> str:
+    from possmap.errors import brief
+
+    names = []
+    for one in found.robots:
+        if one.stands_out:
+            since = f" since {brief(one.since)}" if one.since else ""
+            names.append(f"robot {_name(one)}{since} ({', '.join(one.reasons)})")
+    odd = [one for one in found.excursions if one.stands_out]
+    names += [f"excursion {_name(one)} ({', '.join(one.reasons)})" for one in odd[:top]]
+    if len(odd) > top:
+        names.append(f"and {len(odd) - top} more excursions")
     if names:
-        return ", ".join(names)
+        return "; ".join(names)
     sides = (*found.robots, *found.excursions)
-    return "nobody" if any(one.above is not None for one in sides) else "cannot be said"
+    told = any(one.above is not None or one.told.seen for one in sides)
+    return "nobody" if told else "cannot be said"
 
 
 def _wide(column: str) -> int:
@@ -137,8 +142,9 @@ def _cells(side: Side) -> Iterator[str]:
         "-" if side.above is None else f"{mark}{side.above:.1f}",
         f"{side.share:.1%}",
         f"{side.conflict:.4f}",
-        f"{side.wall_free:.4f}",
-        f"{side.free_wall:.4f}",
+        f"{side.told.seen}",
+        f"{side.told.outliers}",
+        f"{side.told.surprise:.1f}",
     )
     for column, value in zip(_COLUMNS, values, strict=True):
         yield f"{value:>{_wide(column)}}"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,9 +12,9 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.budget import Budget
     from possmap.grid.ledger import Entry
-    from possmap.inspection.diff_summary import Cells, DiffSummary, ExcursionDiff
+    from possmap.inspection.changes import Change, ChangedCells
+    from possmap.inspection.diff import DiffSummary, ExcursionDiff
     from possmap.settings.setting_table import Value
 
 _AT_LENGTH = 3
@@ -33,7 +32,6 @@ _AT_LENGTH = 3
 @click.option(
     "--picture", type=click.Path(path_type=Path), metavar="OUT.png", help="Draw what changed."
 )
-@options.memory
 @options.overwrite
 @options.as_json
 @click.pass_context
@@ -45,15 +43,14 @@ def diff(
     largest: int,
     window: tuple[float, float, float, float] | None,
     picture: Path | None,
-    budget: Budget,
     overwrite: bool,
     as_json: bool,
 ) -> None:
     """Say in what two grids of one resolution differ, from A to B.
 
-    Settings, excursions and records, cells known, changes of N, of the possibility of a wall and of
-    singular points, new contradictions. Shares are those of the cells that A or B knows. Where the
-    digests are equal, no cell differs, and none is read.
+    Settings, excursions and records, cells known, changes of the belief in a wall, of its
+    plausibility and of singular points, what became contested. Shares are those of the cells that A
+    or B knows. Where the digests are equal, no cell differs, and none is read.
     """
     from possmap.cli.progress import bar
     from possmap.inspection.diff import diff as compare
@@ -68,7 +65,6 @@ def diff(
         picture=picture,
         overwrite=overwrite,
         progress=bar,
-        budget=budget,
     )
     click.echo(json.dumps(_as_json(found, picture)) if as_json else "\n".join(_as_text(found)))
     if picture is not None and found.picture and not as_json and not ctx.obj["quiet"]:
@@ -110,36 +106,28 @@ def _as_json(found: DiffSummary, picture: Path | None) -> dict[str, Any]:
                 for one in excursions.changed
             ],
         },
-        "cells": _cells_as_json(found.cells) if found.cells else None,
+        "cells": _cells_as_json(found) if found.cells else None,
         "picture": None if picture is None else str(picture),
     }
 
 
-def _cells_as_json(cells: Cells) -> dict[str, Any]:
-    from possmap.inspection.difference import THRESHOLDS
+def _cells_as_json(found: DiffSummary) -> dict[str, Any]:
+    from possmap.inspection.changes import QUANTITIES, THRESHOLDS
 
+    cells = found.cells
+    assert cells is not None
+    either = cells.in_either
     return {
-        "known": {
-            "a": cells.in_a,
-            "b": cells.in_b,
-            "both": cells.in_both,
-            "either": cells.in_either,
-        },
+        "known": {"a": cells.in_a, "b": cells.in_b, "both": cells.in_both, "either": either},
         "changed": {
             quantity: {
-                "over": {
-                    str(threshold): count
-                    for threshold, count in zip(THRESHOLDS, counts, strict=True)
-                },
-                "mean": cells.mean[quantity],
+                "over": dict(zip(map(str, THRESHOLDS), counts.tolist(), strict=True)),
+                "mean": float(moved) / max(1, either),
             }
-            for quantity, counts in cells.beyond.items()
+            for quantity, counts, moved in zip(QUANTITIES, cells.beyond, cells.moved, strict=True)
         },
-        "contradicted": {
-            "became": cells.became_contradicted,
-            "ceased": cells.ceased_contradicted,
-        },
-        "largest": [asdict(one) for one in cells.largest],
+        "contested": {"became": cells.became, "ceased": cells.ceased},
+        "largest": [one._asdict() for one in found.largest],
     }
 
 
@@ -157,7 +145,7 @@ def _as_text(found: DiffSummary) -> Iterator[str]:
     if not found.equal:
         yield from _excursions_as_text(found)
     if found.cells:
-        yield from _cells_as_text(found.cells)
+        yield from _cells_as_text(found.cells, found.largest)
 
 
 def _value(value: Value | None) -> str:
@@ -197,8 +185,8 @@ def _changes(changed: ExcursionDiff) -> list[str]:
     return said or ["as many records, but others"]
 
 
-def _cells_as_text(cells: Cells) -> Iterator[str]:
-    from possmap.inspection.difference import THRESHOLDS
+def _cells_as_text(cells: ChangedCells, largest: tuple[Change, ...]) -> Iterator[str]:
+    from possmap.inspection.changes import QUANTITIES, THRESHOLDS
 
     def share(count: int) -> str:
         return f"{count / max(1, cells.in_either):.2%}"
@@ -208,14 +196,13 @@ def _cells_as_text(cells: Cells) -> Iterator[str]:
     for label, (name, count) in zip(("known cells", "", "", ""), counts.items(), strict=True):
         yield f"{label:<14}{count:>{digits}}  {share(count):>7}  in {name}"
     yield "changed by    " + "".join(f"{f'> {one}':>9}" for one in THRESHOLDS) + "     mean"
-    for quantity, beyond in cells.beyond.items():
-        columns = "".join(f"{share(count):>9}" for count in beyond)
-        yield f"  {quantity:<12}{columns}{cells.mean[quantity]:>9.4f}"
-    became, ceased = cells.became_contradicted, cells.ceased_contradicted
-    yield f"contradicted  {became} became so, {ceased} no longer are"
-    yield f"largest       {len(cells.largest) or 'none'}"
-    digits = len(str(len(cells.largest)))
-    for number, one in enumerate(cells.largest, 1):
+    for quantity, beyond, moved in zip(QUANTITIES, cells.beyond, cells.moved, strict=True):
+        columns = "".join(f"{share(int(count)):>9}" for count in beyond)
+        yield f"  {quantity:<12}{columns}{moved / max(1, cells.in_either):>9.4f}"
+    yield f"contested     {cells.became} became so, {cells.ceased} no longer are"
+    yield f"largest       {len(largest) or 'none'}"
+    digits = len(str(len(largest)))
+    for number, one in enumerate(largest, 1):
         yield (
             f"  {number:>{digits}}  ({one.x:.3f}, {one.y:.3f}) m: "
             f"{one.quantity} {one.a:.4f} -> {one.b:.4f}"

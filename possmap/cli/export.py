@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from possmap.cli import options
-
-if TYPE_CHECKING:
-    from possmap.budget import Budget
 
 
 def _layer(name: str) -> str:
@@ -37,8 +33,7 @@ def _layers_like(begun: str) -> list[str]:
     required=True,
     type=click.Path(path_type=Path),
     metavar="OUT",
-    help="What to write; its suffix says how: .npz, .yaml, .geojson, .csv, .png, .svg, .dxf, .bt "
-    "or .ot.",
+    help="What to write; its suffix says how: .npz, .yaml, .geojson, .csv, .png, .svg or .dxf.",
 )
 @options.window
 @click.option(
@@ -50,24 +45,22 @@ def _layers_like(begun: str) -> list[str]:
     "--occupied",
     type=click.FloatRange(0, 1, min_open=True),
     metavar="N",
-    help="A cell is occupied where its necessity reaches this (.yaml, .svg, .dxf, .bt)."
-    "  [default: 0.5]",
+    help="A cell is occupied where its belief reaches this (.yaml, .svg, .dxf).  [default: 0.5]",
 )
 @click.option(
     "--free",
     type=click.FloatRange(0, 1, max_open=True),
     metavar="P",
-    help="Else it is free where its possibility is not above this (.yaml, .bt).  [default: 0.5]",
+    help="Else it is free where its plausibility is not above this (.yaml).  [default: 0.5]",
 )
 @click.option(
     "--layer",
     callback=lambda ctx, param, name: None if name is None else _layer(name),
     metavar="NAME",
     shell_complete=lambda ctx, param, begun: _layers_like(begun),
-    help="What a .png shows: a view, or points.  [default: necessity]",
+    help="What a .png shows: a view, or points.  [default: belief]",
 )
 @options.base_rate
-@options.memory
 @options.overwrite
 @click.pass_context
 def export(
@@ -82,29 +75,27 @@ def export(
     layer: str | None,
     config: Path | None,
     base_rate: float | None,
-    budget: Budget,
     overwrite: bool,
 ) -> None:
     """Write a grid in a format that other programs read.
 
     \b
-    .npz      arrays of N and the possibility (Python)
+    .npz      arrays of the readouts of every cell (Python)
     .yaml     a ROS map, with its image .pgm (--mode scale: .png) beside it
     .geojson  tracks, walls with their error, corners, the map's outline (GIS)
     .csv      a line for each cell that holds evidence
     .png      one layer in 16 bits, with its world file .pgw beside it (GIS)
     .svg      walls, sightings and tracks as a drawing
     .dxf      the same for CAD; needs: pip install 'possmap[dxf]'
-    .bt .ot   OctoMap, one sheet of voxels; needs: pip install 'possmap[octomap]'
 
-    .npz holds float32 arrays necessity and possibility of shape (rows, columns), row 0 at the
-    lowest y; origin, the (x, y) in metres of the lower left corner of cell [0, 0]; and resolution,
-    metres per cell. docs/export.md describes the others.
+    .npz holds float32 arrays necessity, possibility, belief, plausibility and pignistic_logit of
+    shape (rows, columns), row 0 at the lowest y; origin, the (x, y) in metres of the lower left
+    corner of cell [0, 0]; and resolution, metres per cell. docs/export.md describes the others.
     """  # noqa: D301 (click's own mark: keep these lines apart)
     from possmap.errors import printable
+    from possmap.exports.export import export as write
+    from possmap.exports.export import strange_options
     from possmap.exports.job import Choices
-    from possmap.exports.run import export as write
-    from possmap.exports.run import strange_options
 
     given = {
         name: value
@@ -126,12 +117,12 @@ def export(
             mode=mode or "trinary",
             occupied=0.5 if occupied is None else occupied,
             free=0.5 if free is None else free,
-            layer=layer or "necessity",
+            layer=layer or "belief",
             base_rate=options.chosen_base_rate(config, base_rate),
         )
     except ValueError as error:  # NaN lies in every range
         raise click.UsageError(str(error)) from error
-    done = write(grid, output, window, overwrite, choices, budget)
+    done = write(grid, output, window, overwrite, choices)
     if not ctx.obj["quiet"]:
         x, y = done.origin
         names = " and ".join(printable(str(path)) for path in done.outputs)

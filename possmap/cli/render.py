@@ -13,11 +13,12 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.budget import Budget
+    from possmap.grid.selection import Selection
     from possmap.pictures.render import Look
 
 LAYERS = (
-    "map", "necessity", "possibility", "ignorance", "conflict", "probability", "points", "coverage",
+    "map", "belief", "plausibility", "contested", "ignorance", "pignistic", "probability",
+    "necessity", "possibility", "conflict", "contradicted", "points", "coverage",
 )  # fmt: skip
 PALETTES = {
     "viridis": "purple to yellow; the map: brown walls, blue paths (the default)",
@@ -99,7 +100,7 @@ def _palette(ctx: click.Context, _: click.Parameter, name: str) -> str:
 @click.option("--frame-ms", type=click.IntRange(10, 60000), help="Time of a frame.  [default: 400]")
 @click.option("--show", is_flag=True, help="Print a preview in the terminal; -o is not needed.")
 @options.base_rate
-@options.memory
+@options.selection
 @options.overwrite
 @click.pass_context
 def render(
@@ -123,13 +124,13 @@ def render(
     show: bool,
     config: Path | None,
     base_rate: float | None,
-    budget: Budget,
+    selection: Selection,
     overwrite: bool,
 ) -> None:
     """Draw a grid as a picture.
 
-    The map shows walls (the lighter, the smaller N), paths (the darker, the smaller the possibility
-    of a wall), singular points, home, what is unknown, and where the evidence contradicts itself.
+    The map shows walls (the lighter, the smaller the belief in them), free space (the darker, the
+    smaller the plausibility of a wall), what is contested, what is unknown, corners and home.
     Layers show one value in every cell, on a scale from 0 to 1.
 
     With --bare --palette gray a pixel of a layer is round(255 x value) and the first row of pixels
@@ -161,14 +162,15 @@ def render(
         truth=truth,
         title=title,
         base_rate=options.chosen_base_rate(config, base_rate),
+        selection=selection,
     )
     if show:
-        _show(grid, look, budget)
+        _show(grid, look)
     if output is None:
         return
     if animate is not None:
         from possmap.cli.progress import bar
-        from possmap.pictures.animate import animate as draw_film
+        from possmap.pictures.film import animate as draw_film
 
         done = draw_film(
             grid,
@@ -179,19 +181,18 @@ def render(
             frame_ms=frame_ms or 400,
             overwrite=overwrite,
             progress=bar,
-            budget=budget,
         )
     else:
         from possmap.pictures.render import render as draw
 
-        done = draw(grid, output, look, overwrite, budget)
+        done = draw(grid, output, look, overwrite)
     if not ctx.obj["quiet"]:
         film = f", {plural(done.frames, 'frame')}" if animate else ""
         click.echo(f"{printable(str(done.output))}: {done.width} x {done.height} pixels{film}")
 
 
-def _show(grid: Path, look: Look, budget: Budget) -> None:
-    from possmap.pictures.preview import Depth, preview
+def _show(grid: Path, look: Look) -> None:
+    from possmap.pictures.terminal import Depth, preview
 
     size = shutil.get_terminal_size((80, 24))
     is_terminal = sys.stdout.isatty()
@@ -199,4 +200,4 @@ def _show(grid: Path, look: Look, budget: Budget) -> None:
     full = os.environ.get("COLORTERM") in ("truecolor", "24bit")
     lines = max(8, size.lines - 2)
     depth: Depth = ("24 bits" if full else "256") if colour else "none"
-    click.echo(preview(grid, look, size.columns, lines, depth, budget), color=colour or None)
+    click.echo(preview(grid, look, size.columns, lines, depth), color=colour or None)

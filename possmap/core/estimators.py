@@ -15,7 +15,7 @@ from possmap.core.propagation import CarriedError, ErrorRectangle, StretchErrors
 from possmap.core.records import Pose
 from possmap.core.settings import Estimator, EvidenceSettings
 from possmap.core.track import Stretch
-from possmap.core.walls import Observations, WallFilter
+from possmap.core.walls import Fit, Observations, WallFilter
 
 _AT_START: Mapping[Estimator, Callable[[Pose], CarriedError]] = MappingProxyType(
     {"linear": LinearError.at_start, "heading": HeadingError.at_start}
@@ -27,13 +27,14 @@ class Estimate(NamedTuple):
 
     start : the rectangle of the first pose.
     stretches, errors : one each of a stretch.
-    observations : what walls told of the heading (estimator ``walls``).
+    observations, fit : what walls told of the heading, and how well (estimator ``walls``).
     """
 
     start: ErrorRectangle
     stretches: Sequence[CorrectedStretch]
     errors: Sequence[StretchErrors]
     observations: Observations
+    fit: Fit
 
 
 def estimate(
@@ -45,7 +46,7 @@ def estimate(
     start = at_start(first, settings.estimator)
     corrected = correct(track, model)
     errors = propagate(start, corrected, model)
-    return Estimate(start.rectangle, corrected, errors, Observations())
+    return Estimate(start.rectangle, corrected, errors, Observations(), Fit())
 
 
 def at_start(first: Pose, estimator: Estimator) -> CarriedError:
@@ -60,4 +61,4 @@ def _by_walls(
     start = now.rectangle
     laid = [now.advance(one, following) for one, following in zip_longest(track, track[1:])]
     stretches, errors = [one for one, _ in laid], [error for _, error in laid]
-    return Estimate(start, stretches, errors, now.observations)
+    return Estimate(start, stretches, errors, now.observations, now.fit)

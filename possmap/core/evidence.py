@@ -15,7 +15,7 @@ from possmap.core.propagation import ErrorRectangle, StretchErrors
 from possmap.core.records import Beam, PartialMap, Pose, Wall
 from possmap.core.settings import EvidenceSettings
 from possmap.core.track import Stretch, stretches
-from possmap.core.walls import Observations
+from possmap.core.walls import Fit, Observations
 
 
 class Layer(IntEnum):
@@ -101,13 +101,14 @@ class Findings(NamedTuple):
     """Everything that one version of an excursion yields.
 
     geometry : by record index; records that wait, and meetings, have none.
-    observations : what walls told of the heading (estimator ``walls``).
+    observations, fit : what walls told of the heading, and how well (estimator ``walls``).
     """
 
     model: ErrorModel
     geometry: dict[int, Geometry]
     evidence: tuple[Evidence, ...]
     observations: Observations = Observations()
+    fit: Fit = Fit()
 
     def before(self, count: int) -> Findings:
         """Return what the first ``count`` records alone yield."""
@@ -124,7 +125,7 @@ def findings(excursion: PartialMap, model: ErrorModel, settings: EvidenceSetting
     index, first = next(poses, (0, None))
     if not isinstance(first, Pose):
         return Findings(model, geometry, ())
-    start, track, errors, observations = estimate(
+    start, track, errors, observations, fit = estimate(
         first, stretches(excursion.records), model, settings
     )
     geometry[index] = Geometry.of_point(first.x, first.y, start, first.heading_deg)
@@ -139,7 +140,7 @@ def findings(excursion: PartialMap, model: ErrorModel, settings: EvidenceSetting
             evidence.append(_path(stretch, error, geometry, settings, swath))
         if logged.seen and settings.free_along_beams:
             evidence += _along_beams(logged, geometry, settings.resolution)
-    return Findings(model, geometry, tuple(evidence), observations)
+    return Findings(model, geometry, tuple(evidence), observations, fit)
 
 
 def _lay_out(

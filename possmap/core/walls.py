@@ -59,6 +59,17 @@ class Observations(NamedTuple):
         return self.residuals / math.sqrt(self.seen) if self.seen else 0.0
 
 
+class Fit(NamedTuple):
+    """How well walls fitted what an excursion's model expects.
+
+    squares : sum of r²/V over those used; as large as their number if the model holds.
+    overturn : o after the last of them [rad per 45°].
+    """
+
+    squares: float = 0.0
+    overturn: float = 0.0
+
+
 class FilteredError(NamedTuple):
     """What may be wrong with a pose at the end of a stretch, after its turn.
 
@@ -98,10 +109,16 @@ class WallFilter:
             for row, half in enumerate(half_widths)
         ]
         self.observations = Observations()
+        self._squares = 0.0
         self._direction_deg: float | None = None  # of the first piece of the run so far
         self._followed = False
         self._turned_deg = 0.0  # since the last pair that ran
         self._knows_turns = True  # whether the log tells of all turns at standstill since then
+
+    @property
+    def fit(self) -> Fit:
+        """How well the walls observed so far fitted the model."""
+        return Fit(self._squares, self.mean[OVERTURN])
 
     @property
     def rectangle(self) -> ErrorRectangle:
@@ -222,6 +239,7 @@ class WallFilter:
             self.observations = told._replace(outliers=told.outliers + 1)
             return
         surprise = residual / deviation if deviation else 0.0
+        self._squares += surprise**2
         self.observations = told._replace(
             used=told.used + 1,
             seen=told.seen + is_seen,

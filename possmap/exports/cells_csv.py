@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from possmap.core.lattice import Window
-from possmap.exports.bands import bands
+from possmap.exports.cells import bands, known
 from possmap.exports.job import Job, tidy
 
-COLUMNS = "row,column,x,y,necessity,possibility,points"
+VALUES = ("necessity", "possibility", "belief", "plausibility", "points")
+COLUMNS = ",".join(("row", "column", "x", "y", *VALUES))
 _AT_ONCE = 1 << 18
 """Cells that are looked at together: each may become a line, kept until its row is written."""
 
@@ -33,49 +34,28 @@ def write_cells(job: Job, streams: Sequence[BinaryIO]) -> None:
         rows = max(1, band.shape[0] * _AT_ONCE // max(_AT_ONCE, cells))
         for row in range(band.row0, band.row1, rows):
             strip = replace(band, row0=row, row1=min(row + rows, band.row1))
-            for line in _lines(job, strip):
-                out.write(line.encode())
+            out.writelines(line.encode() for line in _lines(job, strip))
 
 
-def _lines(job: Job, band: Window) -> Iterator[str]:
-    """Yield the lines of a row at a time, of one stretch of tiles beside the other."""
-    areas = list(job.grid.tiles.areas(band))
-    values = [_texts(job, area) for area in areas]
+def _lines(job: Job, strip: Window) -> Iterator[str]:
+    """Yield the lines of some rows, of one stretch of tiles beside the other."""
+    places, values = [], []
+    for area in job.grid.tiles.areas(strip):
+        some = known(job.grid, area)
+        rows, columns = np.nonzero(some)
+        places.append(np.stack([rows + area.row0, columns + area.column0]))
+        values.append(np.stack([job.grid.view(name, area)[some] for name in VALUES]))
+    if not places:
+        return
+    row, column = np.concatenate(places, axis=1)
+    order = np.lexsort((column, row))
+    texts = [_decimals(one[order]) for one in np.concatenate(values, axis=1)]
     lattice = job.grid.lattice  # to ask the grid reads its settings
-    for row in range(band.row0, band.row1):
-        _, y = lattice.centre_of(row, 0)
-        head, tail = f"{row},", f",{tidy(y)!r},"
-        for area, (columns, first, known, numbers) in zip(areas, values, strict=True):
-            at = row - area.row0
-            if not 0 <= at < area.shape[0]:
-                continue
-            begin, end = first[at], first[at + 1]
-            yield "".join(
-                [
-                    f"{head}{columns[column]}{tail}{number}\n"
-                    for column, number in zip(known[begin:end], numbers[begin:end], strict=True)
-                ]
-            )
-
-
-def _texts(job: Job, area: Window) -> tuple[list[str], list[int], list[int], list[str]]:
-    """Return an area's columns as text, and of each known cell its column and numbers.
-
-    With them, where in these lists each row begins, and the end.
-    """
-    grid, lattice = job.grid, job.grid.lattice
-    layers = (grid.necessity(area), grid.possibility(area), grid.points(area))
-    necessity, possibility, points = layers
-    known = (necessity > 0) | (possibility < 1) | (points > 0)
-    rows, columns = np.nonzero(known)
-    first = np.searchsorted(rows, np.arange(area.shape[0] + 1)).tolist()
-    parts = [_decimals(layer[known]) for layer in layers]
-    numbers = [f"{n},{p},{s}" for n, p, s in zip(*parts, strict=True)]
-    names = [
-        f"{column},{tidy(lattice.centre_of(0, column)[0])!r}"
-        for column in range(area.column0, area.column1)
-    ]
-    return names, first, columns.tolist(), numbers
+    heights = {at: lattice.centre_of(at, 0)[1] for at in set(row.tolist())}
+    widths = {at: lattice.centre_of(0, at)[0] for at in set(column.tolist())}
+    cells = zip(row[order].tolist(), column[order].tolist(), *texts, strict=True)
+    for y, x, *numbers in cells:
+        yield f"{y},{x},{tidy(widths[x])!r},{tidy(heights[y])!r},{','.join(numbers)}\n"
 
 
 def _decimals(values: NDArray[np.float64]) -> list[str]:

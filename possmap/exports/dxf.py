@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from typing import BinaryIO
+from importlib import import_module
+from typing import Any, BinaryIO
 
-from possmap.exports.extras import extra
+from possmap.errors import OutputError, printable
+from possmap.exports.features import metres, outings, outline_of_walls
 from possmap.exports.job import Job
-from possmap.exports.ledger_shapes import outings
-from possmap.exports.shapes import metres, outline_of_walls
 
 METRES = 6
 """$INSUNITS of a DXF file."""
+_CROSS = 3
+"""$PDMODE of points drawn as crosses."""
 
 LAYERS = {"WALLS": 34, "SIGHTINGS": 7, "TRACKS": 5, "CORNERS": 1}
 """With their AutoCAD colours: brown, black on white, blue, red."""
@@ -26,16 +28,16 @@ def write_dxf(job: Job, streams: Sequence[BinaryIO]) -> None:
     Raises
     ------
     OutputError
-        If ezdxf is not installed, or the walls are too jagged for memory.
+        If ezdxf is not installed, or the walls are too long for memory.
     """
-    ezdxf = extra("ezdxf", "dxf", job)
+    ezdxf = _library(job)
     drawing = ezdxf.new("R2010", units=METRES)
     for name, colour in LAYERS.items():
         drawing.layers.add(name, color=colour)
     for key, fact in job.facts().items():
         drawing.header.custom_vars.append(f"possmap {key}", fact)
     drawing.header.custom_vars.append(
-        "possmap walls", f"cells whose necessity is {job.choices.occupied:g} or more"
+        "possmap walls", f"cells whose belief is {job.choices.occupied:g} or more"
     )
     space = drawing.modelspace()
     for shape in outline_of_walls(job):
@@ -53,8 +55,40 @@ def write_dxf(job: Job, streams: Sequence[BinaryIO]) -> None:
                 space.add_line(*ends, dxfattribs={"layer": "SIGHTINGS"})
         for _, at in outing.corners:
             space.add_point((at.x, at.y), dxfattribs={"layer": "CORNERS"})
+    _show_all(drawing, job)
     text = io.TextIOWrapper(streams[0], encoding="utf-8", errors="dxfreplace", newline="\r\n")
     try:
         drawing.write(text)
     finally:
         text.detach()  # the stream is not ours to close
+
+
+def _show_all(drawing: Any, job: Job) -> None:
+    """Have programs open the drawing on all of it, wherever it lies, with points that are seen."""
+    (x0, y0), (rows, columns), c = job.origin, job.window.shape, job.grid.resolution
+    x1, y1 = x0 + columns * c, y0 + rows * c
+    drawing.header["$EXTMIN"], drawing.header["$EXTMAX"] = (x0, y0, 0), (x1, y1, 0)
+    drawing.header["$PDMODE"], drawing.header["$PDSIZE"] = _CROSS, 2 * c
+    drawing.set_modelspace_vport(1.1 * max(x1 - x0, y1 - y0), ((x0 + x1) / 2, (y0 + y1) / 2))
+
+
+def _library(job: Job) -> Any:
+    """Return ezdxf, which comes with an extra of possmap.
+
+    Raises
+    ------
+    OutputError
+        If it is not installed, with the command that installs it, or if it does not work.
+    """
+    output = printable(str(job.outputs[0]))
+    try:
+        return import_module("ezdxf")
+    except ModuleNotFoundError as error:
+        if error.name == "ezdxf":
+            raise OutputError(
+                f"{output}: needs ezdxf, which is not installed: pip install 'possmap[dxf]'"
+            ) from None
+        raise OutputError(f"{output}: ezdxf does not work: {error}") from error
+    except ImportError as error:  # a shared library that is not there, say
+        reason = " ".join(str(error).split())
+        raise OutputError(f"{output}: ezdxf does not work: {printable(reason)}") from error

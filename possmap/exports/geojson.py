@@ -7,10 +7,9 @@ from collections.abc import Iterator, Sequence
 from typing import Any, BinaryIO
 
 from possmap.core.evidence import Geometry
+from possmap.exports.features import Outing, Point, metres, outings, outline_of_evidence, swept
 from possmap.exports.job import Job, tidy
-from possmap.exports.ledger_shapes import Outing, Point, outings, swept
 from possmap.exports.outline import Polygon
-from possmap.exports.shapes import metres, outline_of_evidence
 
 Feature = dict[str, Any]
 
@@ -27,7 +26,7 @@ def write_geojson(job: Job, streams: Sequence[BinaryIO]) -> None:
     Raises
     ------
     OutputError
-        If the outline is too jagged for memory.
+        If the outline is too long for memory.
     """
     out = streams[0]
     outline = _outline(job)

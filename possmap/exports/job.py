@@ -25,8 +25,8 @@ class Choices:
     """The options of the formats.
 
     mode : of a ROS map, one of MODES.
-    occupied : a cell is occupied where N reaches it, above 0 and at most 1.
-    free : else it is free where Π is not above it, at least 0 and below 1.
+    occupied : a cell is occupied where Bel reaches it, above 0 and at most 1.
+    free : else it is free where Pl is not above it, at least 0 and below 1.
     layer : of a picture, one of LAYERS.
     base_rate : of the view probability, between 0 and 1.
     """
@@ -34,7 +34,7 @@ class Choices:
     mode: str = "trinary"
     occupied: float = 0.5
     free: float = 0.5
-    layer: str = "necessity"
+    layer: str = "belief"
     base_rate: float = 0.5
 
     def __post_init__(self) -> None:
@@ -94,8 +94,8 @@ class Job:
         """Return in words which cells count as occupied, and which as free."""
         occupied, free = self.choices.occupied, self.choices.free
         return (
-            f"occupied where necessity >= {occupied:g}, "
-            f"else free where possibility <= {free:g}, else unknown"
+            f"occupied where belief >= {occupied:g}, "
+            f"else free where plausibility <= {free:g}, else unknown"
         )
 
 

@@ -11,11 +11,10 @@ import yaml
 from numpy.typing import NDArray
 
 from possmap.core.lattice import Window
-from possmap.core.views import probability
 from possmap.errors import OutputError, printable
-from possmap.exports.bands import bands, filled, occupancy
+from possmap.exports.cells import bands, filled, known
 from possmap.exports.job import Choices, Job
-from possmap.exports.png_stream import RGBA_8, text_chunks, write_png
+from possmap.exports.png import RGBA_8, text_chunks, write_rows
 
 UNKNOWN = -1
 
@@ -54,7 +53,7 @@ def write_ros_map(job: Job, streams: Sequence[BinaryIO]) -> None:
     description.write(_description(job).encode())
     rows, columns = job.window.shape
     if job.choices.mode == "scale":
-        write_png(image, (columns, rows), RGBA_8, text_chunks(job), _pixels(job))
+        write_rows(image, (columns, rows), RGBA_8, text_chunks(job), _pixels(job))
         return
     comments = "".join(f"# {key}: {fact}\n" for key, fact in job.facts().items())
     image.write(f"P5\n{comments}{columns} {rows}\n255\n".encode())
@@ -102,14 +101,19 @@ def _pixels(job: Job) -> Iterator[tuple[bool, NDArray[Any]]]:
 
 
 def _percent(job: Job, area: Window) -> NDArray[np.int8]:
-    """Return what map_server is to publish: 0 free … 100 occupied, -1 unknown."""
-    choices = job.choices
-    necessity, possibility = job.grid.necessity(area), job.grid.possibility(area)
-    found = occupancy(necessity, possibility, choices.occupied, choices.free)
+    """Return what map_server is to publish: 0 free … 100 occupied, -1 unknown.
+
+    A cell that reaches both thresholds counts as occupied: the safe side for a robot that plans
+    by the map.
+    """
+    grid, choices = job.grid, job.choices
+    occupied = grid.view("belief", area) >= choices.occupied
+    free = grid.view("plausibility", area) <= choices.free
+    found = np.where(occupied, np.int8(100), np.where(free, np.int8(0), np.int8(UNKNOWN)))
     if choices.mode == "trinary":
         return found
-    between = (found == UNKNOWN) & ((necessity > 0) | (possibility < 1))
-    likely = probability(necessity[between], possibility[between], choices.base_rate)
+    between = ~occupied & ~free & known(grid, area)
+    likely = grid.view("probability", area, choices.base_rate)[between]
     found[between] = np.clip(np.rint(100 * likely), 1, 99).astype(np.int8)
     return found
 

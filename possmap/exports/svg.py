@@ -7,10 +7,9 @@ from html import escape
 from typing import BinaryIO
 
 from possmap.errors import brief
+from possmap.exports.features import Point, metres, outings, outline_of_evidence, outline_of_walls
 from possmap.exports.job import Job, tidy
-from possmap.exports.ledger_shapes import Point, outings
 from possmap.exports.outline import Polygon
-from possmap.exports.shapes import metres, outline_of_evidence, outline_of_walls
 
 MM_PER_M = 10.0
 INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
@@ -24,14 +23,14 @@ def write_svg(job: Job, streams: Sequence[BinaryIO]) -> None:
     Raises
     ------
     OutputError
-        If the outlines are too jagged for memory.
+        If the outlines are too long for memory.
     """
     out = streams[0]
     rows, columns = job.window.shape
     c = job.grid.resolution
     width, height = tidy(columns * c), tidy(rows * c)
     thin, pixel = max(width, height) / 1500, c / 3
-    facts = {**job.facts(), "walls": f"cells whose necessity is {job.choices.occupied:g} or more"}
+    facts = {**job.facts(), "walls": f"cells whose belief is {job.choices.occupied:g} or more"}
     said = "\n".join(f"{key}: {fact}" for key, fact in facts.items())
 
     def write(text: str) -> None:

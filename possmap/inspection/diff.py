@@ -4,27 +4,78 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from possmap.atomic import check_output, replacing
-from possmap.budget import Budget
-from possmap.core.lattice import TileKey, Window
-from possmap.errors import OutputError, SettingsError, plural, printable, shown
-from possmap.exports.run import refuse_itself
+from possmap.core.lattice import Window
+from possmap.errors import OutputError, SettingsError, printable, shown
+from possmap.exports.export import refuse_itself
 from possmap.grid.grid import Grid
 from possmap.grid.ledger import Entry
-from possmap.inspection.diff_summary import Cells, DiffSummary, ExcursionDiff, Excursions
-from possmap.inspection.difference import QUANTITIES, Changes, Tally, changes
-from possmap.inspection.difference_picture import Canvas, Mark, drawn, raster_for
-from possmap.inspection.largest import Largest
-from possmap.inspection.pairs import TilePairs
+from possmap.inspection.changes import Change, ChangedCells, Largest, changes, pairs
+from possmap.inspection.difference_picture import Canvas, raster_for
 from possmap.pictures.png import write_png
 from possmap.progress import Progress, quiet
 from possmap.release import version
 from possmap.settings.setting_table import Value
 
 Metres = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class ExcursionDiff:
+    """An excursion that both grids know, but not the same of it.
+
+    records : how many, in A and in B.
+    model : the parameters in force that differ, in A and in B.
+    """
+
+    robot: str
+    excursion: str
+    records: tuple[int, int]
+    model: dict[str, tuple[float, float]]
+
+
+@dataclass(frozen=True, slots=True)
+class ExcursionsDiff:
+    """Whose excursions the grids hold.
+
+    equal : how many are the same in both.
+    records : of all excursions, in A and in B.
+    """
+
+    only_a: tuple[Entry, ...]
+    only_b: tuple[Entry, ...]
+    changed: tuple[ExcursionDiff, ...]
+    equal: int
+    records: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class DiffSummary:
+    """In what two grids differ.
+
+    settings : those that differ; None where a grid has none of that name.
+    cells : None if the digests are equal, for then no cell differs.
+    largest : the largest changes, the largest first.
+    picture : width and height of what was drawn [pixels].
+    """
+
+    a: Path
+    b: Path
+    digest_a: str
+    digest_b: str
+    settings: dict[str, tuple[Value | None, Value | None]]
+    excursions: ExcursionsDiff
+    cells: ChangedCells | None
+    largest: tuple[Change, ...] = ()
+    picture: tuple[int, int] | None = None
+
+    @property
+    def equal(self) -> bool:
+        """Whether both hold the same evidence."""
+        return self.digest_a == self.digest_b
 
 
 def diff(
@@ -36,7 +87,6 @@ def diff(
     picture: Path | None = None,
     overwrite: bool = False,
     progress: Progress = quiet,
-    budget: Budget | None = None,
 ) -> DiffSummary:
     """Compare two grids of one resolution.
 
@@ -57,37 +107,22 @@ def diff(
         If one of them cannot be read.
     OutputError
         If the picture cannot be written, or there is nothing to draw.
-    BudgetError
-        If the grids' excursions do not fit into the memory allowed.
     """
-    budget = budget or Budget()
     if picture is not None:
         _check_picture(picture, (a, b), overwrite)
     with ExitStack() as stack:
-        of_a, of_b = (stack.enter_context(Grid(path, budget=budget)) for path in (a, b))
+        of_a, of_b = (stack.enter_context(Grid(path)) for path in (a, b))
         for grid in (of_a, of_b):
             stack.enter_context(grid.snapshot())
-        _check_fits(of_a, of_b, budget)
         return _compared(of_a, of_b, largest, window_m, picture, overwrite, progress)
-
-
-_EXCURSION_BYTES = 4000
-"""An excursion of either grid, with its hash and as text."""
-
-
-def _check_fits(a: Grid, b: Grid, budget: Budget) -> None:
-    known = a.excursion_count + b.excursion_count
-    budget.check_held(
-        f"{printable(str(b.path))}: comparing {plural(known, 'excursion')}",
-        known * _EXCURSION_BYTES,
-    )
 
 
 def _check_picture(picture: Path, grids: tuple[Path, Path], overwrite: bool) -> None:
     """Refuse a picture before the work rather than after it."""
-    name = printable(str(picture))
     if picture.suffix.lower() != ".png":
-        raise OutputError(f"{name}: unknown suffix {shown(picture.suffix)}, expected .png")
+        raise OutputError(
+            f"{printable(str(picture))}: unknown suffix {shown(picture.suffix)}, expected .png"
+        )
     for grid in grids:
         refuse_itself(grid, picture)
     check_output(picture, overwrite)
@@ -117,21 +152,21 @@ def _compared(
                 f"{' in the window' if window_m else ''}, so there is nothing to show"
             )
         canvas = Canvas(raster_for(window, exact=window_m is not None))
-    cells = None
-    if digest_a != digest_b or canvas is not None:
-        pairs = TilePairs(a.tiles, b.tiles, window or Window(0, 0, 0, 0))
-        cells = _cells(pairs, Largest(largest, a.lattice), canvas, progress)
+    cells, best = ChangedCells(), Largest(largest, a.lattice)
+    differ = digest_a != digest_b
+    if window is not None and (differ or canvas is not None):
+        fusions = a.settings.free_fusion, b.settings.free_fusion
+        rows = {row for grid in (a, b) for row in grid.tiles.directory.rows(window)}
+        for row in progress(sorted(rows), "row"):
+            for pair in pairs(row, a, b, window):
+                found = changes(pair, fusions)
+                cells.add(pair, found)
+                if canvas is not None:
+                    canvas.add(pair, found)
+                best.add(found)
     size = None
-    if picture is not None and canvas is not None and cells is not None:
-        image = drawn(
-            canvas,
-            (a.path.stem, b.path.stem),
-            a.resolution,
-            [
-                Mark(number, one.x, one.y, one.quantity)
-                for number, one in enumerate(cells.largest, 1)
-            ],
-        )
+    if picture is not None and canvas is not None:
+        image = canvas.drawn((a.path.stem, b.path.stem), a.resolution, best.chosen())
         size = image.size
         with replacing(picture, overwrite) as stream:
             text = {
@@ -148,15 +183,15 @@ def _compared(
         digest_b=digest_b,
         settings=_settings(a, b),
         excursions=_excursions(a, b),
-        cells=None if digest_a == digest_b else cells,
+        cells=cells if differ else None,
+        largest=best.chosen(),
         picture=size,
     )
 
 
 def _window(a: Grid, b: Grid, window_m: Metres | None) -> Window | None:
     """Return the cells to compare: what holds the evidence of both, or what was asked for."""
-    bounds = [grid.window for grid in (a, b)]
-    held = [one for one in bounds if one is not None]
+    held = [grid.window for grid in (a, b) if grid.window is not None]
     if not held:
         return None
     everything = held[0].union(held[-1])
@@ -164,39 +199,6 @@ def _window(a: Grid, b: Grid, window_m: Metres | None) -> Window | None:
         return everything
     window = a.lattice.window_of(*window_m)
     return window if window.intersection(everything).cells else None
-
-
-def _cells(pairs: TilePairs, largest: Largest, canvas: Canvas | None, progress: Progress) -> Cells:
-    tally = Tally()
-    for row in progress(pairs.rows(), "row"):
-        for key, pair in pairs.row(row):
-            found = changes(pair)
-            tally.add(pair, found)
-            if key is not None:
-                largest.offer(key, found)
-            if canvas is not None:
-                canvas.add(pair, found)
-
-    def again(key: TileKey) -> Changes:
-        return changes(pairs.read(key))
-
-    return Cells(
-        in_a=tally.in_a,
-        in_b=tally.in_b,
-        in_both=tally.in_both,
-        in_either=tally.in_either,
-        beyond={
-            name: tuple(int(count) for count in counts)
-            for name, counts in zip(QUANTITIES, tally.beyond, strict=True)
-        },
-        mean={
-            name: float(moved) / max(1, tally.in_either)
-            for name, moved in zip(QUANTITIES, tally.moved, strict=True)
-        },
-        became_contradicted=tally.became,
-        ceased_contradicted=tally.ceased,
-        largest=largest.choose(again),
-    )
 
 
 def _settings(a: Grid, b: Grid) -> dict[str, tuple[Value | None, Value | None]]:
@@ -207,11 +209,11 @@ def _settings(a: Grid, b: Grid) -> dict[str, tuple[Value | None, Value | None]]:
     }
 
 
-def _excursions(a: Grid, b: Grid) -> Excursions:
+def _excursions(a: Grid, b: Grid) -> ExcursionsDiff:
     in_a, in_b = dict(_hashed(a)), dict(_hashed(b))
     both = [name for name in in_a if name in in_b]
     changed = [name for name in both if in_a[name][1] != in_b[name][1]]
-    return Excursions(
+    return ExcursionsDiff(
         only_a=tuple(entry for name, (entry, _) in in_a.items() if name not in in_b),
         only_b=tuple(entry for name, (entry, _) in in_b.items() if name not in in_a),
         changed=tuple(_differ(in_a[name][0], in_b[name][0]) for name in changed),

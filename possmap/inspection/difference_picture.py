@@ -1,4 +1,4 @@
-"""What changed from one grid to another: necessity and possibility side by side, B - A.
+"""What changed from one grid to another: belief and plausibility side by side, B - A.
 
 Brown is towards a wall, blue away from it, as in the map; white is known and unchanged.
 """
@@ -7,28 +7,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from PIL import Image, ImageDraw
 
 from possmap.core.lattice import Window
-from possmap.inspection.difference import CellPair, Changes, known
-from possmap.pictures import compose, palettes
+from possmap.inspection.changes import CellPair, Change, Changes
+from possmap.pictures import palettes
 from possmap.pictures.frame import Panel, framed
-from possmap.pictures.keys import ColourBar, Entry, Group, Key
 from possmap.pictures.layers import Indices
+from possmap.pictures.legend import ColourBar, Entry, Group, Key
+from possmap.pictures.overlays import Place
 from possmap.pictures.palettes import Table
 from possmap.pictures.png import palette_image
-from possmap.pictures.raster import Raster
+from possmap.pictures.raster import Raster, furnished_raster
 from possmap.pictures.text import font
 
-PANELS = ("necessity", "possibility")
-"""What is drawn, of ``core.difference.QUANTITIES``, in that order."""
+PANELS = ("belief", "plausibility")
+"""What is drawn, of ``changes.QUANTITIES``, in that order."""
 
 LONGEST = 640
-"""A panel's longer side, at most, of which there are two [pixels]."""
+"""A panel's longer side, at most [pixels]."""
 
 _STEPS = 127
 _UNCHANGED, _UNKNOWN = _STEPS, 255
@@ -40,16 +40,6 @@ _FINE = 4
 """Marks are drawn so much larger and then reduced."""
 
 
-@dataclass(frozen=True)
-class Mark:
-    """One of the largest changes: its number in the list, its place [m], and what changed."""
-
-    number: int
-    x: float
-    y: float
-    quantity: str
-
-
 class Canvas:
     """Gathers changes into the blocks of a picture: it is as large as that, not as the grids.
 
@@ -58,16 +48,14 @@ class Canvas:
 
     def __init__(self, raster: Raster) -> None:
         self.raster = raster
-        self._known = np.zeros(raster.blocks, dtype=np.uint8)
-        shape = (len(PANELS), *raster.blocks)
+        self._known = np.zeros(self.raster.blocks, dtype=np.uint8)
+        shape = (len(PANELS), *self.raster.blocks)
         self._up, self._down = np.zeros(shape, dtype=np.uint8), np.zeros(shape, dtype=np.uint8)
 
     def add(self, pair: CellPair, found: Changes) -> None:
         """Add cells, and what changes among them."""
-        blocks = self.raster.blocks_of(pair.window)
-        seen = known(pair.a) | known(pair.b)
-        target = self._known[blocks.where]
-        np.maximum(target, blocks.largest(seen.astype(np.uint8)), out=target)
+        a, b = pair.known()
+        self.raster.raise_to(self._known, pair.window, (a | b).astype(np.uint8))
         if not found.row.size:
             return
         at = (found.row - pair.window.row0, found.column - pair.window.column0)
@@ -76,8 +64,7 @@ class Canvas:
             for whole, change in ((self._up, level), (self._down, -level)):
                 cells = np.zeros(pair.window.shape, dtype=np.uint8)
                 cells[at] = np.maximum(change, 0)
-                target = whole[number][blocks.where]
-                np.maximum(target, blocks.largest(cells), out=target)
+                self.raster.raise_to(whole[number], pair.window, cells)
 
     def indices(self, number: int) -> Indices:
         """Return the palette indices of a panel, the first row the highest y."""
@@ -86,6 +73,49 @@ class Canvas:
         index[self._known == 0] = _UNKNOWN
         found: Indices = index[::-1].astype(np.uint8)
         return found
+
+    def drawn(
+        self, names: tuple[str, str], resolution: float, largest: Sequence[Change]
+    ) -> Image.Image:
+        """Return the picture.
+
+        names : of A and B.
+        largest : changes to number as they are listed.
+        """
+        panels = []
+        for number, quantity in enumerate(PANELS):
+            index = self.indices(number)
+            picture = palette_image(index, table(), self.raster.scale).convert("RGB")
+            marks = [
+                (place, (one.x, one.y))
+                for place, one in enumerate(largest, 1)
+                if one.quantity == quantity
+            ]
+            _paint(picture, marks, self.raster, resolution)
+            panels.append(Panel(picture, self.raster, f"{quantity} of a wall: B - A"))
+        scale = table()[:_UNKNOWN]
+        ends = ("-1", "+1")
+        entries = [
+            Entry("box", palettes.PAPER, "known, no change"),
+            Entry("box", palettes.UNKNOWN, "unknown in both"),
+        ]
+        if any(one.quantity in PANELS for one in largest):
+            entries.append(Entry("ring", palettes.INK, "largest changes, as listed"))
+        keys: list[Key] = [
+            ColourBar("belief: B - A", scale, ends, ("less wall", "more wall")),
+            ColourBar("plausibility: B - A", scale, ends, ("denies more", "denies less")),
+            Group(entries),
+        ]
+        subtitle = f"A: {names[0]}; B: {names[1]}; {resolution:g} m per cell"
+        if self.raster.shrink > 1:
+            shrink = self.raster.shrink
+            subtitle += f"; a pixel is the largest change of {shrink} x {shrink} cells"
+        return framed(panels, keys, f"{names[0]} -> {names[1]}", subtitle, resolution)
+
+
+def raster_for(window: Window, exact: bool) -> Raster:
+    """Choose how the panels are drawn; ``exact``: without a margin."""
+    return furnished_raster(window, exact, None, LONGEST)
 
 
 @cache
@@ -97,57 +127,21 @@ def table() -> Table:
     return colours
 
 
-def raster_for(window: Window, exact: bool) -> Raster:
-    """Choose how the panels are drawn; ``exact``: without a margin."""
-    return compose.furnished_raster(window, exact, None, LONGEST)
-
-
-def drawn(
-    canvas: Canvas, names: tuple[str, str], resolution: float, marks: Sequence[Mark]
-) -> Image.Image:
-    """Return the picture.
-
-    names : of A and B.
-    """
-    panels = []
-    for number, quantity in enumerate(PANELS):
-        picture = palette_image(canvas.indices(number), table(), canvas.raster.scale).convert("RGB")
-        shown = [mark for mark in marks if mark.quantity == quantity]
-        _paint(picture, shown, canvas.raster, resolution)
-        panels.append(Panel(picture, canvas.raster, f"{quantity} of a wall: B - A"))
-    scale = table()[:_UNKNOWN]
-    ends = ("-1", "+1")
-    entries = [
-        Entry("box", palettes.PAPER, "known, no change"),
-        Entry("box", palettes.UNKNOWN, "unknown in both"),
-    ]
-    if any(mark.quantity in PANELS for mark in marks):
-        entries.append(Entry("ring", palettes.INK, "largest changes, as listed"))
-    keys: list[Key] = [
-        ColourBar("necessity: B - A", scale, ends, ("less wall", "more wall")),
-        ColourBar("possibility: B - A", scale, ends, ("denies more", "denies less")),
-        Group(entries),
-    ]
-    subtitle = f"A: {names[0]}; B: {names[1]}; {resolution:g} m per cell"
-    if canvas.raster.shrink > 1:
-        shrink = canvas.raster.shrink
-        subtitle += f"; a pixel is the largest change of {shrink} x {shrink} cells"
-    return framed(panels, keys, f"{names[0]} -> {names[1]}", subtitle, resolution)
-
-
-def _paint(image: Image.Image, marks: Sequence[Mark], raster: Raster, resolution: float) -> None:
+def _paint(
+    image: Image.Image, marks: Sequence[tuple[int, Place]], raster: Raster, resolution: float
+) -> None:
     """Draw numbers beside places, with lines to them, so that they hide no change there.
 
     A number that would lie over an earlier one is left out.
     """
     taken: list[tuple[float, float]] = []
-    for mark in marks:
-        x, y = raster.to_pixel(mark.x, mark.y, resolution)
+    for number, place in marks:
+        x, y = raster.to_pixel(*place, resolution)
         middle_x = x + (_AWAY if x + _AWAY + _RADIUS < image.width else -_AWAY)
         middle_y = y + (-_AWAY if y - _AWAY - _RADIUS > 0 else _AWAY)
         if all(math.hypot(middle_x - u, middle_y - v) > 2 * _RADIUS + 1 for u, v in taken):
             taken.append((middle_x, middle_y))
-            _sign(image, mark.number, (x, y), (middle_x, middle_y))
+            _sign(image, number, (x, y), (middle_x, middle_y))
 
 
 def _sign(

@@ -1,4 +1,4 @@
-"""What each side says of walls in one tile, in no more cells than it may touch (docs/audit.md)."""
+"""What each excursion says of walls in one tile, in no more cells than it may touch."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from possmap.core.evidence import Layer
-from possmap.core.fusion import LayerArray, stamp_layer
-from possmap.core.lattice import Window, tile_window
+from possmap.core.fusion import denial_table, stamp_layer
+from possmap.core.lattice import TileKey, Window, tile_window
 from possmap.core.patches import Crop, Patch
 from possmap.core.plan import ExcursionPlan, TileWork, by_tile
 from possmap.core.pyramid import Floats, Ints
@@ -17,8 +17,8 @@ from possmap.core.segment_table import COLUMNS
 from possmap.core.settings import EvidenceSettings
 
 _MAX_ERROR, _WIDTH = COLUMNS.index("max_error"), COLUMNS.index("width")
-_LAYERS = (Layer.WALLS, Layer.FREE)
-"""Singular points contradict nobody."""
+_MOST_KEPT = 1 << 25
+"""More is not kept of a tile [bytes]: to stamp it again takes hardly longer than to keep it."""
 
 
 class TileSides:
@@ -37,47 +37,45 @@ class TileSides:
     """
 
     def __init__(
-        self,
-        work: TileWork,
-        first_groups: Ints,
-        within: Window,
-        settings: EvidenceSettings,
-        room: int,
+        self, work: TileWork, first_groups: Ints, within: Window, settings: EvidenceSettings
     ) -> None:
-        self.key = work.key
+        self.key: TileKey = work.key
         self.window = _touched(work.segments, settings.resolution).intersection(within)
         self._works = dict(_apart(work, first_groups))
         self.numbers = list(self._works)
         self._settings, self.free_fusion = settings, settings.free_fusion
         self._kept: dict[int, Patch] = {}
-        self._room = room
+        self._room = _MOST_KEPT
 
     def said(self, number: int) -> Patch:
-        """Return what an excursion says: each layer only where it says something, if at all."""
+        """Return the weights of what an excursion says: each layer only where it says something.
+
+        Of free space too: what a denial weighs under Dempster's rule, however the grid combines.
+        """
         if number in self._kept:
             return self._kept[number]
-        found = said(self._works[number], self.window, self._settings)
+        found = {}
+        for layer in (Layer.WALLS, Layer.FREE):  # singular points contradict nobody
+            crop = self._stamped(self._works[number], layer)
+            if crop is not None:
+                found[layer] = crop
         size = sum(crop.cells.nbytes for crop in found.values())
         if size <= self._room:
             self._room -= size
             self._kept[number] = found
         return found
 
-
-def said(work: TileWork, within: Window, settings: EvidenceSettings) -> Patch:
-    """Return what a tile's work says of walls in a window, where it may touch anything."""
-    found = {}
-    for layer in _LAYERS:
+    def _stamped(self, work: TileWork, layer: Layer) -> Crop | None:
         if layer not in work.pieces:
-            continue
+            return None
         segments = work.segments[work.pieces[layer][:, 0]]
-        window = _touched(segments, settings.resolution).intersection(within)
+        window = _touched(segments, self._settings.resolution).intersection(self.window)
+        cells = np.zeros(window.shape, dtype=np.int64)
         if window.cells:
-            cells: LayerArray = np.zeros(window.shape, dtype=np.int64)
-            stamp_layer(cells, window, work, layer, settings)
-            if cells.any():
-                found[layer] = Crop(window, cells)
-    return found
+            stamp_layer(cells, window, work, layer, self._settings)
+        if layer is Layer.FREE and self._settings.free_fusion == "minimum":
+            cells = denial_table(1.0)[cells]
+        return Crop(window, cells) if cells.any() else None
 
 
 def _touched(segments: Floats, resolution: float) -> Window:
@@ -96,7 +94,7 @@ def _touched(segments: Floats, resolution: float) -> Window:
 
 
 def sides_by_tile(
-    plans: Sequence[ExcursionPlan], settings: EvidenceSettings, within: Window | None, room: int
+    plans: Sequence[ExcursionPlan], settings: EvidenceSettings, within: Window | None
 ) -> tuple[int, Iterator[TileSides]]:
     """Return how many tiles excursions touch at most, and what they say there, by place.
 
@@ -106,8 +104,6 @@ def sides_by_tile(
         Of each excursion; its place among them is its number.
     within
         Tiles and cells beyond are left out.
-    room
-        What may be kept of a tile [bytes]; the rest is stamped when it is asked for.
     """
     first_groups = np.cumsum([0, *(plan.groups for plan in plans)])[:-1]
     count, works = by_tile(plans)
@@ -118,7 +114,7 @@ def sides_by_tile(
             if within is not None:
                 cells = cells.intersection(within)
             if cells.cells:
-                yield TileSides(work, first_groups, cells, settings, room)
+                yield TileSides(work, first_groups, cells, settings)
 
     return count, tiles()
 

@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias
 
 from PIL import Image, ImageDraw
 
-from possmap.pictures import palettes, ticks
+from possmap.pictures import axes, palettes
 from possmap.pictures.palettes import Colour
 from possmap.pictures.text import LINE, NORMAL, SMALL, fitted, width, write
 
@@ -45,9 +45,9 @@ class Axis:
         if self.log:
             first, last = math.ceil(math.log10(self.low)), math.floor(math.log10(self.high))
             return [(10.0**k, f"{10.0**k:g}") for k in range(first, last + 1)]
-        step = ticks.round_step((self.high - self.low) / 5)
-        values = ticks.multiples(step, self.low, self.high)
-        return [(value, ticks.label(value, step)) for value in values]
+        step = axes.round_step((self.high - self.low) / 5)
+        values = axes.multiples(step, self.low, self.high)
+        return [(value, axes.label(value, step)) for value in values]
 
 
 @dataclass(frozen=True)

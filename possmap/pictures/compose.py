@@ -8,16 +8,16 @@ from dataclasses import dataclass, field
 import numpy as np
 from PIL import Image
 
-from possmap.core.lattice import Window
-from possmap.pictures import composite, layers, overlays, palettes, raster
-from possmap.pictures.coverage import Counts
+from possmap.core.settings import FreeFusion
+from possmap.pictures import composite, layers, overlays, palettes
 from possmap.pictures.frame import Panel, framed
-from possmap.pictures.keys import ColourBar, Entry, Group, Key
 from possmap.pictures.layers import LAYERS, LEVELS, UNKNOWN_INDEX, Cells, Indices
+from possmap.pictures.legend import ColourBar, Entry, Group, Key
 from possmap.pictures.overlays import Overlays
 from possmap.pictures.palettes import Table
 from possmap.pictures.png import gray_image, palette_image
 from possmap.pictures.raster import Raster
+from possmap.pictures.tiles import Counts
 
 MAP = "map"
 COVERAGE = "coverage"
@@ -25,11 +25,15 @@ NAMES = (MAP, *LAYERS, COVERAGE)
 """What a picture can show."""
 
 
+def _no_counts(raster: Raster) -> Counts:
+    raise ValueError("this scene knows no excursions")
+
+
 @dataclass(frozen=True)
 class Scene:
     """What there is to draw.
 
-    cells : the grid's numbers.
+    cells, free_fusion : the grid's numbers, and how those of free space add up.
     resolution : metres per cell.
     coverage : counts the excursions per block, when asked to.
     title, subtitle : above the picture.
@@ -37,7 +41,8 @@ class Scene:
 
     cells: Cells
     resolution: float
-    coverage: Callable[[Raster], Counts] | None = None
+    free_fusion: FreeFusion
+    coverage: Callable[[Raster], Counts] = _no_counts
     title: str = ""
     subtitle: str = ""
     base_rate: float = 0.5
@@ -47,21 +52,15 @@ class Scene:
 def indices(scene: Scene, name: str, chosen: Raster) -> tuple[Indices, int]:
     """Return a layer's palette indices, and the number that the scale's upper end stands for."""
     if name == MAP:
-        return composite.drawn(scene.cells, chosen), 1
+        return composite.drawn(scene.cells, chosen, scene.free_fusion), 1
     if name != COVERAGE:
-        return layers.drawn(LAYERS[name], scene.cells, chosen, scene.base_rate), 1
-    counts = _counts(scene, chosen)
+        drawn = layers.drawn(name, scene.cells, chosen, scene.base_rate, scene.free_fusion)
+        return drawn, 1
+    counts = scene.coverage(chosen)
     most = max(1, int(counts.max(initial=0)))
-    index: Indices = np.empty(counts.shape, dtype=np.uint8)
-    for line, row in zip(index, counts, strict=True):
-        line[:] = np.where(row == 0, UNKNOWN_INDEX, row * (LEVELS - 1) // most)
+    index: Indices = (counts.astype(np.uint32) * (LEVELS - 1) // most).astype(np.uint8)
+    index[counts == 0] = UNKNOWN_INDEX
     return index, most
-
-
-def _counts(scene: Scene, chosen: Raster) -> Counts:
-    if scene.coverage is None:
-        raise ValueError("this scene knows no excursions")
-    return scene.coverage(chosen)
 
 
 def letters(name: str) -> str:
@@ -84,10 +83,10 @@ def colours(name: str, palette: str) -> Table:
 def bare(scene: Scene, name: str, chosen: Raster, palette: str) -> Image.Image:
     """Return nothing but the cells; in ``gray`` a layer's values, to be read back."""
     if palette == "gray" and name == COVERAGE:
-        counts = np.minimum(_counts(scene, chosen), 255).astype(np.uint8)
+        counts = np.minimum(scene.coverage(chosen), 255).astype(np.uint8)
         return gray_image(counts, chosen.scale)
     if palette == "gray" and name != MAP:
-        values = layers.drawn_gray(LAYERS[name], scene.cells, chosen, scene.base_rate)
+        values = layers.drawn_gray(name, scene.cells, chosen, scene.base_rate, scene.free_fusion)
         return gray_image(values, chosen.scale)
     index, _ = indices(scene, name, chosen)
     return palette_image(index, colours(name, palette), chosen.scale)
@@ -111,8 +110,7 @@ def furnished(
         picture = palette_image(index, colours(name, palette), chosen.scale).convert("RGB")
         shown = scene.overlays if name == MAP else Overlays(truth=scene.overlays.truth)
         overlays.paint(picture, shown, chosen, scene.resolution)
-        title = name if len(names) > 1 else ""
-        panels.append(Panel(picture, chosen, title))
+        panels.append(Panel(picture, chosen, name if len(names) > 1 else ""))
     subtitle = scene.subtitle
     if chosen.shrink > 1:
         subtitle += f"; a pixel is {chosen.shrink} x {chosen.shrink} cells"
@@ -129,51 +127,20 @@ def keys(shown: Overlays, ends: dict[str, int], palette: str) -> list[Key]:
     entries: list[Entry] = []
     values = [name for name in ends if name in LAYERS]
     if MAP in ends:
-        gray = palette == "gray"
-        free = palettes.PAPER_FREE_STOPS if gray else palettes.FREE_STOPS
-        wall = palettes.PAPER_WALL_STOPS if gray else palettes.WALL_STOPS
-        for title, stops, span, words in (
-            ("wall: necessity N", wall, ("0", "1"), ("", "certain")),
-            ("path: possibility of a wall", free, ("1", "0"), ("", "free")),
-        ):
-            table = np.rint(palettes.ramp(stops, 256)).astype(np.uint8)
-            found.append(ColourBar(title, table, span, words))
+        found += _bars_of_map(palette)
+        entries += _signs_of_map(shown, palette)
     if values:
         only = LAYERS[values[0]] if len(values) == 1 else None
-        found.append(
-            ColourBar(
-                only.title if only else "value of each view",
-                palettes.table(palette),
-                ("0", "1"),
-                (only.low, only.high) if only else ("", ""),
-            )
-        )
+        title = only.title if only else "value of each view"
+        words = (only.low, only.high) if only else ("", "")
+        found.append(ColourBar(title, palettes.table(palette), ("0", "1"), words))
     if COVERAGE in ends:
-        found.append(
-            ColourBar(
-                "excursions that touched a cell",
-                palettes.table(palette),
-                ("0", str(ends[COVERAGE])),
-                ("", ""),
-            )
-        )
-    if MAP in ends:
-        unknown = palettes.PAPER if palette == "gray" else palettes.UNKNOWN
-        entries += [
-            Entry("box", unknown, "unknown"),
-            Entry("box", palettes.CONTRADICTED, "contradicted: N above possibility"),
-        ]
-        if shown.points:
-            entries.append(Entry("point", palettes.POINT, "corner or wall end"))
-        if shown.homes:
-            entries.append(Entry("home", palettes.INK, "home, where robots set out"))
-        entries += [
-            Entry("line", colour, f"track of {robot}") for robot, colour in shown.robot_colours()
-        ]
-    if values or COVERAGE in ends:
+        title, scale = "excursions that touched a cell", ("0", str(ends[COVERAGE]))
+        found.append(ColourBar(title, palettes.table(palette), scale, ("", "")))
+    unknown = palettes.unknown(palette)
+    if (values or COVERAGE in ends) and not (MAP in ends and unknown == palettes.UNKNOWN):
         label = "unknown" if MAP not in ends or palette == "gray" else "unknown (views)"
-        if not (MAP in ends and palettes.unknown(palette) == palettes.UNKNOWN):
-            entries.append(Entry("box", palettes.unknown(palette), label))
+        entries.append(Entry("box", unknown, label))
     if shown.truth:
         entries.append(Entry("line", palettes.TRUTH, "true wall"))
     if entries:
@@ -181,41 +148,27 @@ def keys(shown: Overlays, ends: dict[str, int], palette: str) -> list[Key]:
     return found
 
 
-LONGEST = 960
-"""The longer side of a map with furniture, if nothing else is asked for [pixels]."""
-LARGEST = 1600
-_LEAST = (240, 160)
+def _bars_of_map(palette: str) -> list[Key]:
+    gray = palette == "gray"
+    free = palettes.PAPER_FREE_STOPS if gray else palettes.FREE_STOPS
+    wall = palettes.PAPER_WALL_STOPS if gray else palettes.WALL_STOPS
+    walls, floor = (np.rint(palettes.ramp(stops, 256)).astype(np.uint8) for stops in (wall, free))
+    contested = composite.contested_ramp(palette)
+    return [
+        ColourBar("wall: belief", walls, ("0", "1"), ("", "certain")),
+        ColourBar("free: plausibility of a wall", floor, ("1", "0"), ("", "certain")),
+        ColourBar("contested: evidence both ways", contested, ("0", "1"), ("", "undecided")),
+    ]
 
 
-def furnished_raster(
-    evidence: Window, exact: bool, scale: int | None, max_size: int | None, panels: int = 1
-) -> Raster:
-    """Choose how a map with furniture is drawn.
-
-    exact : the window was asked for; otherwise it gets a margin, and at least room for its labels.
-    panels : how many share the picture.
-    """
-    share = min(panels, 3)
-    longest = LONGEST // share
-    largest = max_size or (LARGEST // share if scale is None else None)
-    if exact:
-        return raster.plan(evidence, scale, largest, longest)
-    margin = max(2, max(evidence.shape) // 40)
-    window = _grown(evidence, margin, margin)
-    small = scale is None and max(window.shape) * 24 <= longest
-    chosen = raster.plan(window, 24 if small else scale, largest, longest)
-    width, height = chosen.size
-    cells = chosen.shrink / chosen.scale
-    least = [side if max_size is None else min(side, max_size - 3) for side in _LEAST]
-    more_columns = max(0, round((least[0] - width) * cells / 2 + 0.5))
-    more_rows = max(0, round((least[1] - height) * cells / 2 + 0.5))
-    if not (more_columns or more_rows):
-        return chosen
-    window = _grown(window, more_rows, more_columns)
-    return raster.plan(window, chosen.scale, largest, longest)
-
-
-def _grown(window: Window, rows: int, columns: int) -> Window:
-    return Window(
-        window.row0 - rows, window.row1 + rows, window.column0 - columns, window.column1 + columns
-    )
+def _signs_of_map(shown: Overlays, palette: str) -> list[Entry]:
+    unknown = palettes.PAPER if palette == "gray" else palettes.UNKNOWN
+    entries = [Entry("box", unknown, "unknown")]
+    if shown.points:
+        entries.append(Entry("point", palettes.POINT, "corner or wall end"))
+    if shown.homes:
+        entries.append(Entry("home", palettes.INK, "home, where robots set out"))
+    entries += [
+        Entry("line", colour, f"track of {robot}") for robot, colour in shown.robot_colours()
+    ]
+    return entries

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from PIL import Image, ImageDraw
 
-from possmap.pictures import palettes, ticks
-from possmap.pictures.keys import Key
+from possmap.pictures import axes, palettes
+from possmap.pictures.legend import Key, in_column, in_rows
 from possmap.pictures.raster import Raster
 from possmap.pictures.text import LARGE, LINE, NORMAL, SMALL, fitted, width, write
 
@@ -50,26 +50,26 @@ def framed(
     """
     raster = panels[0].raster
     map_width, map_height = panels[0].picture.size
-    y_step, y_labels = _labels(raster, resolution, vertical=True)
-    axis = max((width(ticks.label(v, y_step), SMALL) for v in y_labels), default=0) + _TICK + 6
+    y_step, y_labels = axes.ticks_of(raster, resolution, vertical=True)
+    axis = max((width(axes.label(v, y_step), SMALL) for v in y_labels), default=0) + _TICK + 6
     rows = -(-len(panels) // _IN_A_ROW)
     columns = -(-len(panels) // rows)
     heading = LINE + 4 if any(panel.title for panel in panels) else 0
     top = PAD + LARGE + 8 + LINE + 6
     row_height = heading + map_height + _TICK + LINE + 8
-    bar, bar_label = _scale(raster, resolution)
+    bar, bar_label = axes.scale_of(raster, resolution)
     bar_width = math.ceil(bar) + 8 + width(bar_label, SMALL)
     titles = max(width(panel.title, NORMAL) for panel in panels)
     column_width = max(map_width, titles) if columns > 1 else map_width
     maps_width = max(columns * column_width + (columns - 1) * _GAP, bar_width)
     maps_height = rows * row_height + LINE
     if maps_width > _WIDE * maps_height:
-        key_places, key_size = _in_rows(keys, max(maps_width, 420))
+        key_places, key_size = in_rows(keys, max(maps_width, 420))
         content = max(maps_width, key_size[0])
         total_height = top + maps_height + 10 + key_size[1] + PAD
         key_x, key_y = PAD + axis, top + maps_height + 10
     else:
-        key_places, key_size = _in_column(keys)
+        key_places, key_size = in_column(keys)
         content = maps_width + 24 + key_size[0]
         total_height = top + max(maps_height, heading + key_size[1]) + PAD
         key_x, key_y = PAD + axis + maps_width + 24, top + heading
@@ -87,7 +87,7 @@ def framed(
     foot = top + rows * row_height + LINE // 2
     if width(_AXES, SMALL) + 16 + bar_width <= maps_width:
         write(draw, (left, foot), _AXES, SMALL, palettes.FAINT, "lm")
-    _scale_bar(draw, left + maps_width, foot, bar, bar_label)
+    axes.draw_scale_bar(draw, left + maps_width, foot, bar, bar_label)
     for key, (dx, dy) in zip(keys, key_places, strict=True):
         key.draw(sheet, key_x + dx, key_y + dy)
     return sheet
@@ -103,77 +103,21 @@ def _panel(
         write(draw, (x, y - 8), panel.title, NORMAL, palettes.INK, "ls")
     sheet.paste(panel.picture, (x, y))
     draw.rectangle((x - 1, y - 1, x + map_width, y + map_height), outline=palettes.FAINT)
-    step, values = _labels(panel.raster, resolution, vertical=False)
+    step, values = axes.ticks_of(panel.raster, resolution, vertical=False)
     for value in values:
         at = x + panel.raster.to_pixel(value, 0, resolution)[0]
         draw.line((at, y + map_height + 1, at, y + map_height + _TICK), palettes.FAINT)
         write(
             draw,
             (at, y + map_height + _TICK + 3),
-            ticks.label(value, step),
+            axes.label(value, step),
             SMALL,
             palettes.INK,
             "ma",
         )
-    step, values = _labels(panel.raster, resolution, vertical=True)
+    step, values = axes.ticks_of(panel.raster, resolution, vertical=True)
     for value in values:
         at = y + panel.raster.to_pixel(0, value, resolution)[1]
         draw.line((x - _TICK - 1, at, x - 2, at), palettes.FAINT)
         if with_labels:
-            write(draw, (x - _TICK - 5, at), ticks.label(value, step), SMALL, palettes.INK, "rm")
-
-
-def _labels(raster: Raster, resolution: float, vertical: bool) -> tuple[float, list[float]]:
-    """Return step and values of an axis's labels [m], far enough apart never to touch."""
-    per_metre = raster.pixels_per_metre(resolution)
-    window = raster.window
-    low, high = (window.row0, window.row1) if vertical else (window.column0, window.column1)
-    low_m, high_m = low * resolution, high * resolution
-    apart = 34 if vertical else 40
-    step = ticks.round_step(apart / per_metre)
-    while not vertical:
-        values = ticks.multiples(step, low_m, high_m)
-        widest = max((width(ticks.label(v, step), SMALL) for v in values), default=0)
-        if step * per_metre >= widest + 16:
-            break
-        step = ticks.round_step(step * 1.01)
-    return step, ticks.multiples(step, low_m, high_m)
-
-
-def _scale(raster: Raster, resolution: float) -> tuple[float, str]:
-    """Return the length of a bar of round metres [pixels], and its label."""
-    per_metre = raster.pixels_per_metre(resolution)
-    length = ticks.round_length(max(60.0, raster.size[0] / 4) / per_metre)
-    return length * per_metre, f"{length:g} m" if length < 1e4 else f"{length / 1000:g} km"
-
-
-def _scale_bar(
-    draw: ImageDraw.ImageDraw, right: float, y: float, length: float, label: str
-) -> None:
-    """Draw a bar that ends at ``right``, its label to the left of it."""
-    left = right - length
-    draw.line((left, y, right, y), palettes.INK, 2)
-    for end in (left, right):
-        draw.line((end, y - 4, end, y + 4), palettes.INK, 2)
-    write(draw, (left - 8, y), label, SMALL, palettes.INK, "rm")
-
-
-def _in_column(keys: Sequence[Key]) -> tuple[list[tuple[int, int]], tuple[int, int]]:
-    places, y, widest = [], 0, 0
-    for key in keys:
-        places.append((0, y))
-        y += key.size[1] + 14
-        widest = max(widest, key.size[0])
-    return places, (widest, max(0, y - 14))
-
-
-def _in_rows(keys: Sequence[Key], most: int) -> tuple[list[tuple[int, int]], tuple[int, int]]:
-    places, x, y, row_height, widest = [], 0, 0, 0, 0
-    for key in keys:
-        key_width, key_height = key.size
-        if x and x + key_width > most:
-            x, y, row_height = 0, y + row_height + 14, 0
-        places.append((x, y))
-        x += key_width + 28
-        widest, row_height = max(widest, x - 28), max(row_height, key_height)
-    return places, (widest, y + row_height)
+            write(draw, (x - _TICK - 5, at), axes.label(value, step), SMALL, palettes.INK, "rm")

@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Protocol, TypeAlias, runtime_checkable
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from possmap.core.evidence import Layer
-from possmap.core.fusion import LayerArray, necessity_of
+from possmap.core.fusion import necessity_of
 from possmap.core.lattice import Window
-from possmap.core.patches import Crop, Patch, extent_of, spread
+from possmap.core.patches import Patch, extent_of, spread
+from possmap.core.pyramid import Ints
 from possmap.core.settings import FreeFusion
-from possmap.core.views import NOTHING, CellArray, Readout
+from possmap.core.views import VIEWS, CellArray, Readout
 from possmap.pictures.raster import Raster
 
 Indices: TypeAlias = NDArray[np.uint8]
@@ -27,34 +28,10 @@ UNKNOWN_INDEX = 255
 
 
 class Cells(Protocol):
-    """Where the numbers of a grid come from: a file, or a film's memory."""
-
-    @property
-    def free_fusion(self) -> FreeFusion:
-        """What the numbers of the layer FREE mean."""
-
-    def areas(self, window: Window) -> Iterator[Window]:
-        """Yield windows, small enough for memory, that together hold all that is known."""
-
-    def read_window(self, layer: Layer, window: Window) -> LayerArray:
-        """Return one layer of a window; what is not known is 0."""
-
-
-@runtime_checkable
-class Patchwork(Protocol):
-    """Cells that can be had without what lies between them, which is most of a large map."""
+    """Where the numbers of a grid come from: a file, or what was laid out again in memory."""
 
     def patches(self, window: Window) -> Iterator[Patch]:
         """Yield what is known of a window, a few tiles at a time."""
-
-
-def patches(cells: Cells, window: Window) -> Iterator[Patch]:
-    """Yield what is known of a window, in pieces small enough for memory."""
-    if isinstance(cells, Patchwork):
-        yield from cells.patches(window)
-    else:
-        for area in cells.areas(window):
-            yield {layer: Crop(area, cells.read_window(layer, area)) for layer in Layer}
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,13 +39,11 @@ class PictureLayer:
     """A value to draw.
 
     title : for people.
-    value : of known cells, given what they say and N of singular points, and the base rate.
     by_largest : whether a block of cells shows its largest value, or its smallest.
     low, high : what the ends of the scale mean.
     """
 
     title: str
-    value: Callable[[Readout, CellArray, float], CellArray]
     by_largest: bool
     low: str
     high: str
@@ -76,60 +51,48 @@ class PictureLayer:
 
 LAYERS: Mapping[str, PictureLayer] = MappingProxyType(
     {
-        "necessity": PictureLayer(
-            "necessity of a wall (N)",
-            lambda cells, points, base: cells.necessity,
-            True,
-            "no sign",
-            "certain",
-        ),
-        "possibility": PictureLayer(
-            "possibility of a wall",
-            lambda cells, points, base: cells.possibility,
-            False,
-            "free",
-            "possible",
-        ),
-        "ignorance": PictureLayer(
-            "ignorance: m(anything)",
-            lambda cells, points, base: cells.ignorance,
-            False,
-            "settled",
-            "unknown",
-        ),
-        "conflict": PictureLayer(
-            "conflict K", lambda cells, points, base: cells.conflict, True, "none", "total"
-        ),
-        "probability": PictureLayer(
-            "probability of a wall",
-            lambda cells, points, base: cells.probability(base),
-            True,
-            "free",
-            "wall",
-        ),
-        "points": PictureLayer(
-            "necessity of a singular point",
-            lambda cells, points, base: points,
-            True,
-            "none",
-            "certain",
-        ),
+        "belief": PictureLayer("belief in a wall (Bel)", True, "none", "certain"),
+        "plausibility": PictureLayer("plausibility of a wall (Pl)", False, "free", "possible"),
+        "contested": PictureLayer("contested", True, "one side", "undecided"),
+        "ignorance": PictureLayer("ignorance: Pl - Bel", False, "settled", "unknown"),
+        "pignistic": PictureLayer("pignistic probability", True, "free", "wall"),
+        "probability": PictureLayer("probability of a wall", True, "free", "wall"),
+        "necessity": PictureLayer("necessity of a wall (N)", True, "no sign", "certain"),
+        "possibility": PictureLayer("possibility of a wall", False, "free", "possible"),
+        "conflict": PictureLayer("conflict K", True, "none", "total"),
+        "contradicted": PictureLayer("contradicted: N above possibility", True, "no", "yes"),
+        "points": PictureLayer("necessity of a singular point", True, "none", "certain"),
     }
 )
 """The layers whose scale is 0 to 1, by name."""
 
 
-def drawn(layer: PictureLayer, cells: Cells, raster: Raster, base_rate: float) -> Indices:
+def drawn(
+    name: str, cells: Cells, raster: Raster, base_rate: float, free_fusion: FreeFusion
+) -> Indices:
     """Return a layer's palette indices: 0 … 254 for values 0 … 1, 255 where nothing is known."""
-    table = _level_of_rank(layer, LEVELS, UNKNOWN_INDEX)
-    return by_bands(raster, lambda band: table[_ranks(layer, cells, band, base_rate, LEVELS)])
+    table = _level_of_rank(name, LEVELS, UNKNOWN_INDEX)
+
+    def band(part: Raster) -> Indices:
+        found: Indices = table[_ranks(name, cells, part, base_rate, free_fusion, LEVELS)]
+        return found
+
+    return by_bands(raster, band)
 
 
-def drawn_gray(layer: PictureLayer, cells: Cells, raster: Raster, base_rate: float) -> Indices:
+def drawn_gray(
+    name: str, cells: Cells, raster: Raster, base_rate: float, free_fusion: FreeFusion
+) -> Indices:
     """Return a layer as round(255·v), without a tone for what is unknown: numbers to read back."""
-    unknown = int(np.rint(255 * layer.value(NOTHING, np.zeros(1), base_rate))[0])
-    table = _level_of_rank(layer, 256, unknown)
-    return by_bands(raster, lambda band: table[_ranks(layer, cells, band, base_rate, 256)])
+    nothing = np.zeros(1, dtype=np.int64)
+    unknown = _values(name, nothing, nothing, nothing, base_rate, free_fusion)
+    table = _level_of_rank(name, 256, int(np.rint(255 * unknown)[0]))
+
+    def band(part: Raster) -> Indices:
+        found: Indices = table[_ranks(name, cells, part, base_rate, free_fusion, 256)]
+        return found
+
+    return by_bands(raster, band)
 
 
 def by_bands(raster: Raster, draw: Callable[[Raster], Indices]) -> Indices:
@@ -144,17 +107,22 @@ def by_bands(raster: Raster, draw: Callable[[Raster], Indices]) -> Indices:
     return whole
 
 
-def _level_of_rank(layer: PictureLayer, levels: int, unknown: int) -> Indices:
+def _level_of_rank(name: str, levels: int, unknown: int) -> Indices:
     """Return the level that each rank stands for; the first rank is what is unknown."""
     level = np.arange(levels, dtype=np.uint8)
     table: Indices = np.concatenate(
-        [np.array([unknown], dtype=np.uint8), level if layer.by_largest else level[::-1]]
+        [np.array([unknown], dtype=np.uint8), level if LAYERS[name].by_largest else level[::-1]]
     )
     return table
 
 
 def _ranks(
-    layer: PictureLayer, cells: Cells, raster: Raster, base_rate: float, levels: int
+    name: str,
+    cells: Cells,
+    raster: Raster,
+    base_rate: float,
+    free_fusion: FreeFusion,
+    levels: int,
 ) -> NDArray[np.unsignedinteger]:
     """Return what a block shows as a number that only grows the more it matters.
 
@@ -163,19 +131,30 @@ def _ranks(
     """
     dtype = np.uint8 if levels < 256 else np.uint16
     found: NDArray[np.unsignedinteger] = np.zeros(raster.blocks, dtype=dtype)
-    for patch in patches(cells, raster.window):
+    for patch in cells.patches(raster.window):
         window = extent_of(patch)
-        weights, denials, points = (spread(patch, layer, window) for layer in Layer)
-        known = (weights != 0) | (denials != 0) | (points != 0)
-        value = layer.value(
-            Readout.of(weights[known], denials[known], cells.free_fusion),
-            necessity_of(points[known]),
-            base_rate,
-        )
+        stored = [spread(patch, layer, window) for layer in Layer]
+        known = (stored[0] != 0) | (stored[1] != 0) | (stored[2] != 0)
+        walls, free, points = (layer[known] for layer in stored)
+        value = _values(name, walls, free, points, base_rate, free_fusion)
         level = np.rint((levels - 1) * value).astype(np.int16)
         rank = np.zeros(window.shape, dtype=dtype)
-        rank[known] = level + 1 if layer.by_largest else levels - level
-        blocks = raster.blocks_of(window)
-        target = found[blocks.where]
-        np.maximum(target, blocks.largest(rank), out=target)
+        rank[known] = level + 1 if LAYERS[name].by_largest else levels - level
+        raster.raise_to(found, window, rank)
     return found
+
+
+def _values(
+    name: str,
+    walls: Ints,
+    free: Ints,
+    points: Ints,
+    base_rate: float,
+    free_fusion: FreeFusion,
+) -> CellArray:
+    if name == "points":
+        return necessity_of(points)
+    cells = Readout.of(walls, free, free_fusion)
+    if name == "contradicted":
+        return cells.contradicted.astype(np.float64)
+    return VIEWS[name](cells, base_rate)

@@ -22,13 +22,13 @@ UNKNOWN_BESIDE_GRAY: Colour = (196, 219, 240)
 INK: Colour = (38, 38, 42)
 FAINT: Colour = (120, 120, 126)
 PAPER: Colour = (255, 255, 255)
-CONTRADICTED: Colour = (255, 222, 0)
+CONTESTED: Colour = (255, 214, 10)
 POINT: Colour = (0, 135, 110)
 TRUTH: Colour = (20, 20, 20)
 
 _ROBOTS: tuple[Colour, ...] = (
-    (208, 30, 130), (98, 50, 180), (0, 150, 170), (120, 130, 0), (110, 110, 118), (255, 80, 80),
-    (0, 90, 60), (178, 130, 255), (130, 0, 40), (90, 200, 60), (0, 205, 210), (95, 70, 20),
+    (208, 30, 130), (98, 50, 180), (35, 130, 60), (120, 130, 0), (110, 110, 118), (255, 80, 80),
+    (0, 150, 170), (178, 130, 255), (130, 0, 40), (90, 200, 60), (0, 205, 210), (95, 70, 20),
 )  # fmt: skip
 
 
@@ -37,12 +37,13 @@ def robot(number: int) -> Colour:
     return _ROBOTS[number % len(_ROBOTS)]
 
 
-FREE_STOPS: tuple[Colour, ...] = ((219, 227, 234), (126, 170, 208), (42, 102, 160), (12, 48, 96))
-"""A path: the darker, the smaller Π."""
-WALL_STOPS: tuple[Colour, ...] = ((250, 226, 200), (240, 160, 90), (196, 80, 24), (96, 26, 8))
-"""A wall: the lighter, the smaller N."""
+FREE_STOPS: tuple[Colour, ...] = ((196, 216, 234), (140, 182, 219), (92, 147, 198))
+"""Free space: the darker, the smaller the plausibility of a wall."""
+WALL_STOPS: tuple[Colour, ...] = ((248, 216, 184), (240, 160, 90), (190, 76, 24), (74, 20, 8))
+"""A wall: the lighter, the smaller the belief in it."""
 PAPER_FREE_STOPS: tuple[Colour, ...] = ((215, 215, 215), (90, 90, 90), (30, 30, 30))
-PAPER_WALL_STOPS: tuple[Colour, ...] = ((250, 250, 250), (128, 128, 128))
+PAPER_WALL_STOPS: tuple[Colour, ...] = ((245, 245, 245), (128, 128, 128))
+PAPER_POINT: Colour = (190, 190, 190)
 
 
 @cache

@@ -14,6 +14,8 @@ from possmap.errors import OutputError
 
 MOST_PIXELS = 100_000_000
 """A picture larger than this is refused."""
+MOST_FURNISHED = 40_000_000
+"""The same of one with furniture, panel by panel: there a pixel takes 12 bytes."""
 
 _BAND_BLOCKS = 1 << 22
 """Blocks that are drawn together."""
@@ -70,37 +72,20 @@ class Raster:
             )
             yield first, replace(self, window=window)
 
-    def blocks_of(self, part: Window) -> Blocks:
-        """Return which blocks some cells of the window belong to."""
+    def raise_to(self, found: NDArray[N], part: Window, values: NDArray[N]) -> None:
+        """Raise blocks to the largest value of their cells: never a mean, which thins walls away.
+
+        found : of all blocks, the first row the lowest y; changed in place.
+        part, values : some of the window's cells, shape (rows, columns).
+        """
         rows, row_starts = _cut(part.row0, part.row1, self.window.row0, self.shrink)
         columns, column_starts = _cut(part.column0, part.column1, self.window.column0, self.shrink)
-        return Blocks((rows, columns), row_starts, column_starts, self.shrink)
-
-
-@dataclass(frozen=True, slots=True)
-class Blocks:
-    """Some cells' blocks; blocks at the edge may go on in other cells.
-
-    where : index in an array of all blocks, whose first row is the lowest y.
-    """
-
-    where: tuple[slice, slice]
-    row_starts: NDArray[np.intp]
-    column_starts: NDArray[np.intp]
-    shrink: int
-
-    def largest(self, cells: NDArray[N]) -> NDArray[N]:
-        """Return each block's largest value: never a mean, which would thin walls away.
-
-        cells : shape (rows, columns), as the part.
-        """
-        if self.shrink == 1:
-            return cells
-        # One axis after the other, the first along memory.
-        found: NDArray[N] = np.maximum.reduceat(
-            np.maximum.reduceat(cells, self.row_starts, axis=0), self.column_starts, axis=1
-        )
-        return found
+        if self.shrink > 1:  # one axis after the other, the first along memory
+            values = np.maximum.reduceat(
+                np.maximum.reduceat(values, row_starts, axis=0), column_starts, axis=1
+            )
+        target = found[rows, columns]
+        np.maximum(target, values, out=target)
 
 
 def _cut(first: int, end: int, origin: int, step: int) -> tuple[slice, NDArray[np.intp]]:
@@ -158,3 +143,58 @@ def plan(
             "--max-size PIXELS shrinks it, --window X0,Y0,X1,Y1 takes a part"
         )
     return raster
+
+
+LONGEST = 960
+"""The longer side of a map with furniture, if nothing else is asked for [pixels]."""
+LARGEST = 1600
+_LEAST = (240, 160)
+
+
+def furnished_raster(
+    evidence: Window, exact: bool, scale: int | None, max_size: int | None, panels: int = 1
+) -> Raster:
+    """Choose how a map with furniture is drawn.
+
+    exact : the window was asked for; otherwise it gets a margin, and at least room for its labels.
+    panels : how many share the picture.
+
+    Raises
+    ------
+    OutputError
+        If the picture would have too many pixels.
+    """
+    share = min(panels, 3)
+    longest = LONGEST // share
+    largest = max_size or (LARGEST // share if scale is None else None)
+    if exact:
+        return _fitting(plan(evidence, scale, largest, longest), panels)
+    margin = max(2, max(evidence.shape) // 40)
+    window = _grown(evidence, margin, margin)
+    small = scale is None and max(window.shape) * 24 <= longest
+    chosen = plan(window, 24 if small else scale, largest, longest)
+    width, height = chosen.size
+    cells = chosen.shrink / chosen.scale
+    least = [side if max_size is None else min(side, max_size - 3) for side in _LEAST]
+    more_columns = max(0, round((least[0] - width) * cells / 2 + 0.5))
+    more_rows = max(0, round((least[1] - height) * cells / 2 + 0.5))
+    if more_columns or more_rows:
+        chosen = plan(_grown(window, more_rows, more_columns), chosen.scale, largest, longest)
+    return _fitting(chosen, panels)
+
+
+def _fitting(chosen: Raster, panels: int) -> Raster:
+    width, height = chosen.size
+    if width * height * panels > MOST_FURNISHED:
+        raise OutputError(
+            f"{panels} × {width} × {height} pixels with axes and keys, expected at most "
+            f"{MOST_FURNISHED:,}; --max-size PIXELS shrinks it, --window X0,Y0,X1,Y1 takes a part, "
+            "--bare leaves all but the cells"
+        )
+    return chosen
+
+
+def _grown(window: Window, rows: int, columns: int) -> Window:
+    return Window(
+        window.row0 - rows, window.row1 + rows, window.column0 - columns, window.column1 + columns
+    )

@@ -1,40 +1,34 @@
-"""``possmap render``: a grid as a picture, in a file or in the terminal."""
+"""``possmap render``: a grid as a picture."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from PIL import Image
 
 from possmap.atomic import check_output, replacing
-from possmap.budget import Budget
-from possmap.core.evidence import findings
 from possmap.core.lattice import Window
 from possmap.errors import OutputError, plural, printable, shown
-from possmap.exports.run import chosen_window, refuse_itself
+from possmap.exports.export import chosen_window, refuse_itself
 from possmap.grid.grid import Grid
 from possmap.grid.ledger import Entry
+from possmap.grid.replay import replay
+from possmap.grid.selection import Selection
 from possmap.pictures import compose, raster
 from possmap.pictures.compose import Scene
-from possmap.pictures.coverage import Counts, counted
-from possmap.pictures.overlays import Overlays
+from possmap.pictures.layers import Cells
+from possmap.pictures.overlays import Overlays, Place, Thinned, pixel_of
 from possmap.pictures.png import write_png
 from possmap.pictures.raster import Raster
-from possmap.pictures.thinning import Place, Points, Track
+from possmap.pictures.tiles import Counts, TileMemory
 from possmap.release import version
 from possmap.settings.limits import Limits
 from possmap.truth.truth import read_truth
 
 HOME_M = 1.0
 """Robots that set out so near to each other set out from one home [m]."""
-
-BARE_BYTES, PANEL_BYTES, SHEET_BYTES, COVERAGE_BYTES = 2, 12, 20, 10
-"""What a pixel takes: as it is; in a panel; under fine overlays; where excursions are counted."""
-FINE_PIXELS = 4_000_000
-"""Overlays on larger pictures are not drawn finer than these."""
-PLACE_BYTES = 150
 
 Metres = tuple[float, float, float, float]
 """A rectangle: x0, y0, x1, y1."""
@@ -51,6 +45,7 @@ class Look:
     tracks : draw the robots' tracks.
     truth : a truth file whose walls are drawn.
     title : above the picture; None: the grid's name.
+    selection : only what these excursions say.
     """
 
     layers: Sequence[str] = (compose.MAP,)
@@ -63,6 +58,7 @@ class Look:
     truth: Path | None = None
     title: str | None = None
     base_rate: float = 0.5
+    selection: Selection = field(default_factory=Selection)
 
 
 @dataclass(frozen=True)
@@ -75,19 +71,15 @@ class RenderSummary:
     frames: int = 1
 
 
-def render(
-    path: Path, output: Path, look: Look, overwrite: bool = False, budget: Budget | None = None
-) -> RenderSummary:
+def render(path: Path, output: Path, look: Look, overwrite: bool = False) -> RenderSummary:
     """Draw a grid into a PNG file.
 
     Raises
     ------
-    BudgetError
-        If the picture, or what it needs, does not fit into the memory allowed.
     OutputError
         For an output that is not PNG or exists, no evidence, or a picture that is too large.
     GridError, LogError
-        If the grid, or the truth file, cannot be read.
+        If the grid, or the truth file, cannot be read, or holds none of the excursions selected.
     """
     if output.suffix.lower() != ".png":
         raise OutputError(
@@ -95,43 +87,13 @@ def render(
             "(a film: --animate with .png, .gif or .webp)"
         )
     refuse_itself(path, output)
-    budget = budget or Budget()
-    with Grid(path, budget=budget) as grid, grid.snapshot():
+    with Grid(path) as grid, grid.snapshot():
         chosen = raster_of(grid, look)
-        check_fits(look, chosen, budget)
         check_output(output, overwrite)
         image = picture(grid, look, chosen)
         with replacing(output, overwrite) as stream:
             write_png(image, stream, metadata(grid, look, chosen))
     return RenderSummary(output, *image.size)
-
-
-def check_fits(look: Look, chosen: Raster, budget: Budget) -> None:
-    """Refuse a picture whose pixels do not fit into memory.
-
-    Raises
-    ------
-    BudgetError
-        With what would help.
-    """
-    width, height = chosen.size
-    budget.check_held(
-        f"a picture of {width} × {height} pixels",
-        size_of(look, chosen),
-        "shrink it with --max-size PIXELS, or take a part: --window X0,Y0,X1,Y1",
-    )
-
-
-def size_of(look: Look, chosen: Raster) -> int:
-    """Return what a picture takes in memory while it is drawn [bytes]."""
-    width, height = chosen.size
-    pixels, panels = width * height, len(look.layers)
-    size = BARE_BYTES * pixels
-    if not look.bare:
-        size = panels * PANEL_BYTES * pixels + SHEET_BYTES * min(pixels, FINE_PIXELS)
-    if compose.COVERAGE in look.layers:
-        size += COVERAGE_BYTES * chosen.blocks[0] * chosen.blocks[1]
-    return size
 
 
 def picture(grid: Grid, look: Look, chosen: Raster | None = None) -> Image.Image:
@@ -155,7 +117,7 @@ def raster_of(grid: Grid, look: Look) -> Raster:
     if look.bare:
         return raster.plan(window, look.scale, look.max_size)
     exact = look.window_m is not None
-    return compose.furnished_raster(window, exact, look.scale, look.max_size, len(look.layers))
+    return raster.furnished_raster(window, exact, look.scale, look.max_size, len(look.layers))
 
 
 def evidence_window(grid: Grid, window_m: Metres | None) -> Window:
@@ -181,40 +143,45 @@ def evidence_window(grid: Grid, window_m: Metres | None) -> Window:
 
 
 def scene_of(grid: Grid, look: Look, chosen: Raster) -> Scene:
-    """Gather what a picture of a grid needs."""
-    return Scene(
-        cells=grid.tiles,
-        resolution=grid.resolution,
-        coverage=lambda at: coverage_of(grid, at, size_of(look, chosen)),
-        title=look.title if look.title is not None else grid.path.stem,
-        subtitle=counted_words(grid),
-        base_rate=look.base_rate,
-        overlays=Overlays() if look.bare else overlays_of(grid, look, chosen),
-    )
-
-
-def coverage_of(grid: Grid, chosen: Raster, besides: int) -> Counts:
-    """Count the excursions that touched each block; ``besides``: bytes for the picture."""
+    """Gather what a picture of a grid needs; of a selection, laid out again from the ledger."""
     settings = grid.settings
-    excursions = (
-        findings(grid.ledger.version(entry), entry.model, settings)
-        for entry in list(grid.ledger.entries())
+    entries = entries_of(grid, look)
+
+    def memory() -> TileMemory:
+        return TileMemory(printable(str(grid.path)), settings, chosen.window)
+
+    def coverage(at: Raster) -> Counts:
+        counted = memory()
+        for entry in entries:
+            counted.count(replay(grid, entry, settings).findings)
+        return counted.counts(at)
+
+    cells: Cells = grid.tiles
+    if look.selection:
+        cells = some = memory()
+        for entry in entries:
+            some.fuse(replay(grid, entry, settings).findings)
+    title = look.title if look.title is not None else grid.path.stem
+    return Scene(
+        cells=cells,
+        resolution=grid.resolution,
+        free_fusion=settings.free_fusion,
+        coverage=coverage,
+        title=title,
+        subtitle=counted_words(grid, entries),
+        base_rate=look.base_rate,
+        overlays=Overlays() if look.bare else overlays_of(grid, look, chosen, entries),
     )
-    budget = grid.budget or Budget()
-
-    def check(size: int) -> None:
-        budget.check_held(
-            f"{printable(str(grid.path))}: counting excursions cell by cell",
-            size + besides,
-            "take a part of it: --window X0,Y0,X1,Y1",
-        )
-
-    return counted(excursions, settings, chosen, check)
 
 
-def counted_words(grid: Grid) -> str:
+def entries_of(grid: Grid, look: Look) -> list[Entry]:
+    """Return the excursions that a picture shows."""
+    return look.selection.entries(grid) if look.selection else list(grid.ledger.entries())
+
+
+def counted_words(grid: Grid, entries: Sequence[Entry] | None = None) -> str:
     """Return robots, excursions and records in words, with the resolution."""
-    entries = list(grid.ledger.entries())
+    entries = list(grid.ledger.entries()) if entries is None else entries
     robots = len({entry.robot for entry in entries})
     records = sum(entry.records for entry in entries)
     return (
@@ -224,55 +191,50 @@ def counted_words(grid: Grid) -> str:
 
 
 def overlays_of(
-    grid: Grid, look: Look, chosen: Raster, known: Mapping[int, int] | None = None
+    grid: Grid,
+    look: Look,
+    chosen: Raster,
+    entries: Sequence[Entry] | None = None,
+    known: Mapping[int, int] | None = None,
 ) -> Overlays:
     """Gather singular points, homes, tracks and true walls within the picture.
 
+    entries : those that count; None: all.
     known : how many records of each excursion count, by its id in the ledger; None: all.
     """
+    counted = {entry.identity for entry in entries or grid.ledger.entries()}
 
     def counts(entry: Entry, number: int) -> bool:
-        return known is None or number < known.get(entry.identity, 0)
+        upto = entry.records if known is None else known.get(entry.identity, 0)
+        return entry.identity in counted and number < upto
 
+    truth = read_truth(look.truth, Limits()).walls if look.truth else ()
+    if compose.MAP not in look.layers:
+        return Overlays(truth=truth)
     x0, y0 = grid.lattice.corner_of(chosen.window.row0, chosen.window.column0)
     x1, y1 = grid.lattice.corner_of(chosen.window.row1, chosen.window.column1)
-    window_m = (x0, y0, x1, y1)
-    points = Points(chosen, grid.resolution)
+    points = Thinned(chosen, grid.resolution)
+    for entry, number, at in grid.ledger.places("corner", (x0, y0, x1, y1)):
+        worst = max(at.rect.half_x, at.rect.half_y) / entry.model.max_error
+        if worst < 1 and counts(entry, number):
+            points.add((at.x, at.y), 1 - worst)
     homes: dict[tuple[float, float], Place] = {}
-    tracks: dict[str, list[Track]] = {}
-    if compose.MAP in look.layers:
-        for entry, number, at in grid.ledger.places("corner", window_m):
-            worst = max(at.rect.half_x, at.rect.half_y) / entry.model.max_error
-            if worst < 1 and counts(entry, number):
-                points.add((at.x, at.y), 1 - worst)
-        last = None
-        for entry, number, at in grid.ledger.places("pose"):
-            tracks.setdefault(entry.robot, [])  # a colour of its own, whether it has come or not
-            if not counts(entry, number):
-                continue
-            if entry != last:
-                if x0 <= at.x <= x1 and y0 <= at.y <= y1:
-                    near = (round(at.x / HOME_M), round(at.y / HOME_M))
-                    homes.setdefault(near, (at.x, at.y))
-                if look.tracks:
-                    _check_tracks(grid, tracks)
-                    tracks[entry.robot].append(Track(chosen, grid.resolution))
-                last = entry
-            if look.tracks:
-                tracks[entry.robot][-1].add((at.x, at.y))
-    truth = read_truth(look.truth, Limits()).walls if look.truth else ()
-    shown_tracks = [
-        (robot, [track.all() for track in some]) for robot, some in sorted(tracks.items())
-    ]
-    return Overlays(points.all(), list(homes.values()), shown_tracks if look.tracks else [], truth)
-
-
-def _check_tracks(grid: Grid, tracks: Mapping[str, Sequence[Track]]) -> None:
-    places = sum(len(track) for some in tracks.values() for track in some)
-    (grid.budget or Budget()).check_held(
-        f"{printable(str(grid.path))}: tracks through {plural(places, 'place')}",
-        places * PLACE_BYTES,
-        "take a part of it: --window X0,Y0,X1,Y1",
+    tracks: dict[str, list[list[Place]]] = {}
+    last, pixel = None, None
+    for entry, number, at in grid.ledger.places("pose"):
+        tracks.setdefault(entry.robot, [])  # a colour of its own, whether it has come or not
+        if not counts(entry, number):
+            continue
+        place = at.x, at.y
+        if entry != last:
+            if x0 <= at.x <= x1 and y0 <= at.y <= y1:
+                homes.setdefault((round(at.x / HOME_M), round(at.y / HOME_M)), place)
+            tracks[entry.robot].append([])
+            last, pixel = entry, None
+        if look.tracks and pixel != (pixel := pixel_of(chosen, place, grid.resolution)):
+            tracks[entry.robot][-1].append(place)
+    return Overlays(
+        points.all(), list(homes.values()), sorted(tracks.items()) if look.tracks else [], truth
     )
 
 
@@ -280,6 +242,7 @@ def metadata(grid: Grid, look: Look, chosen: Raster) -> dict[str, str]:
     """Return what a picture says of itself in its tEXt chunks; numbers in metres and pixels."""
     window = chosen.window
     x, y = grid.lattice.corner_of(window.row0, window.column0)
+    said = {"possmap:selection": look.selection.title} if look.selection else {}
     return {
         "Software": f"possmap {version()}",
         "possmap:digest": grid.digest(),
@@ -289,4 +252,5 @@ def metadata(grid: Grid, look: Look, chosen: Raster) -> dict[str, str]:
         "possmap:origin": f"{x!r},{y!r}",
         "possmap:cells": f"{window.shape[1]}x{window.shape[0]}",
         "possmap:pixels_per_cell": repr(chosen.scale / chosen.shrink),
+        **said,
     }

@@ -1,31 +1,43 @@
-"""A preview in the terminal: two rows a character, in colour where the terminal has it."""
+"""``possmap render --show``: the map in the terminal, two rows of blocks a character."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from possmap.grid.grid import Grid
+from possmap.pictures import compose, raster
 from possmap.pictures.layers import Indices
 from possmap.pictures.palettes import Table
+from possmap.pictures.render import Look, evidence_window, scene_of
 
 _RESET = "\x1b[0m"
-
 
 Depth: TypeAlias = Literal["none", "256", "24 bits"]
 """What colours a terminal has."""
 
 
-def _code(colour: NDArray[np.uint8], depth: Depth, ground: bool) -> str:
-    """Return the escape code of a colour, for the character or the ground behind it."""
-    layer = 48 if ground else 38
-    red, green, blue = (int(channel) for channel in colour)
-    if depth == "24 bits":
-        return f"\x1b[{layer};2;{red};{green};{blue}m"
-    # The nearest of the 6 × 6 × 6 colours that every terminal of 256 has.
-    six = (round(channel / 255 * 5) for channel in (red, green, blue))
-    return f"\x1b[{layer};5;{16 + sum(c * w for c, w in zip(six, (36, 6, 1), strict=True))}m"
+def preview(path: Path, look: Look, columns: int, lines: int, colours: Depth) -> str:
+    """Return a picture of a grid as text for a terminal of so many columns and lines.
+
+    Raises
+    ------
+    OutputError
+        If there is no evidence.
+    """
+    name = look.layers[0]
+    with Grid(path) as grid, grid.snapshot():
+        window = evidence_window(grid, look.window_m)
+        rows_high, cells_wide = window.shape
+        factor = max(cells_wide / columns, rows_high / (2 * lines), 1.0)
+        chosen = raster.plan(window, 1, max(1, int(max(window.shape) / factor)))
+        index, _ = compose.indices(scene_of(grid, look, chosen), name, chosen)
+    if colours == "none":
+        return in_letters(index, compose.letters(name))
+    return in_colour(index, compose.colours(name, look.palette), colours)
 
 
 def in_colour(index: Indices, table: Table, depth: Depth = "24 bits") -> str:
@@ -44,7 +56,18 @@ def in_colour(index: Indices, table: Table, depth: Depth = "24 bits") -> str:
     return "\n".join(lines)
 
 
-_RANK = " .o+#!0123456789"
+def _code(colour: NDArray[np.uint8], depth: Depth, ground: bool) -> str:
+    """Return the escape code of a colour, for the character or the ground behind it."""
+    layer = 48 if ground else 38
+    red, green, blue = (int(channel) for channel in colour)
+    if depth == "24 bits":
+        return f"\x1b[{layer};2;{red};{green};{blue}m"
+    # The nearest of the 6 × 6 × 6 colours that every terminal of 256 has.
+    six = (round(channel / 255 * 5) for channel in (red, green, blue))
+    return f"\x1b[{layer};5;{16 + sum(c * w for c, w in zip(six, (36, 6, 1), strict=True))}m"
+
+
+_RANK = " .o!#0123456789"
 """Of two blocks that share a character, the sign further right is shown."""
 
 

@@ -15,7 +15,6 @@ from possmap.core.pyramid import FULL
 from possmap.core.settings import EvidenceSettings
 from possmap.grid.grid import Grid
 from possmap.inspection.diff import diff
-from possmap.inspection.diff_summary import Cells, Change
 
 APART = {0.05: 20, 0.3: 4, 2.0: 1}
 """Cells between changes that are named, by resolution: at least 1 m."""
@@ -60,56 +59,7 @@ def two_grids(folder: Path, seed: int, resolution: float) -> tuple[Path, Path]:
     return a, b
 
 
-def literally(a: Path, b: Path, window: Window, resolution: float, largest: int) -> Cells:
-    """Compare whole arrays, and sort every change there is."""
-    values = []
-    for path in (a, b):
-        with possmap.open_grid(path) as grid:
-            values.append([grid.necessity(window), grid.possibility(window), grid.points(window)])
-    known = [(n > 0) | (p < 1) | (points > 0) for n, p, points in values]
-    contradicted = [n > p for n, p, _ in values]
-    change = np.abs(np.array(values[1]) - np.array(values[0]))
-    either = int((known[0] | known[1]).sum())
-
-    ranked = []
-    for row, column in np.argwhere(change.max(axis=0) > 0):
-        quantity = int(change[:, row, column].argmax())
-        at = (int(row) + window.row0, int(column) + window.column0)
-        tile = (at[0] // TILE, at[1] // TILE)
-        ranked.append((-change[quantity, row, column], tile, at, quantity))
-    chosen: list[tuple[tuple[int, int], int]] = []
-    for _, _, (row, column), quantity in sorted(ranked):
-        if len(chosen) < largest and all(
-            max(abs(row - r), abs(column - c)) >= APART[resolution] for (r, c), _ in chosen
-        ):
-            chosen.append(((row, column), quantity))
-
-    names = ("necessity", "possibility", "point")
-    return Cells(
-        in_a=int(known[0].sum()),
-        in_b=int(known[1].sum()),
-        in_both=int((known[0] & known[1]).sum()),
-        in_either=either,
-        beyond={
-            name: tuple(int((one > t).sum()) for t in (0.01, 0.1, 0.5))
-            for name, one in zip(names, change, strict=True)
-        },
-        mean={
-            name: float(one.sum()) / max(1, either) for name, one in zip(names, change, strict=True)
-        },
-        became_contradicted=int((contradicted[1] & ~contradicted[0]).sum()),
-        ceased_contradicted=int((contradicted[0] & ~contradicted[1]).sum()),
-        largest=tuple(
-            Change(
-                (column + 0.5) * resolution,
-                (row + 0.5) * resolution,
-                names[quantity],
-                float(values[0][quantity][row - window.row0, column - window.column0]),
-                float(values[1][quantity][row - window.row0, column - window.column0]),
-            )
-            for (row, column), quantity in chosen
-        ),
-    )
+QUANTITIES = ("belief", "plausibility", "points")
 
 
 @pytest.mark.parametrize("resolution", APART)
@@ -125,23 +75,48 @@ def test_tile_by_tile_is_the_same_as_at_once(
         window = Window(-100, 300, -301, 77)
         x0, x1 = (column * resolution for column in (window.column0, window.column1))
         window_m = (x0, window.row0 * resolution, x1, window.row1 * resolution)
-    for largest in (0, 1, 7, 30):
-        found = diff(a, b, largest=largest, window_m=window_m).cells
-        assert found is not None and found.in_either > 1000
-        expected = literally(a, b, window, resolution, largest)
-        assert found.mean == pytest.approx(expected.mean, rel=1e-12)
-        for name in ("in_a", "in_b", "in_both", "in_either", "beyond", "became_contradicted",
-                     "ceased_contradicted", "largest"):  # fmt: skip
-            assert getattr(found, name) == getattr(expected, name), name
+    found = diff(a, b, largest=7, window_m=window_m)
+    values, known, contested = [], [], []
+    for path in (a, b):
+        with possmap.open_grid(path) as grid:
+            values.append([grid.view(name, window) for name in QUANTITIES])
+            known.append((grid.necessity(window) > 0) | (grid.possibility(window) < 1)
+                         | (grid.points(window) > 0))  # fmt: skip
+            contested.append(grid.view("contested", window) > 0.5)
+    change = np.abs(np.array(values[1]) - np.array(values[0]))
+    cells = found.cells
+    assert cells is not None and cells.in_either > 1000
+    assert cells.in_a == known[0].sum() and cells.in_b == known[1].sum()
+    assert cells.in_both == (known[0] & known[1]).sum()
+    assert cells.in_either == (known[0] | known[1]).sum()
+    assert cells.beyond.tolist() == [
+        [(one > threshold).sum() for threshold in (0.01, 0.1, 0.5)] for one in change
+    ]
+    np.testing.assert_allclose(cells.moved, change.sum(axis=(1, 2)), rtol=1e-12)
+    assert cells.became == (contested[1] & ~contested[0]).sum()
+    assert cells.ceased == (contested[0] & ~contested[1]).sum()
+    sizes = [abs(one.b - one.a) for one in found.largest]
+    assert len(sizes) == 7 and sizes == sorted(sizes, reverse=True)
+    assert sizes[0] == change.max()
+    places = []
+    for one in found.largest:
+        row, column = round(one.y / resolution - 0.5), round(one.x / resolution - 0.5)
+        at = (row - window.row0, column - window.column0)
+        number = ("belief", "plausibility", "point").index(one.quantity)
+        assert (one.a, one.b) == (values[0][number][at], values[1][number][at])
+        for r, c in places:
+            assert max(abs(row - r), abs(column - c)) >= APART[resolution]
+        places.append((row, column))
 
 
 def test_the_other_way_round_every_change_is_the_opposite(tmp_path: Path) -> None:
     a, b = two_grids(tmp_path, 1, 0.05)
-    there, back = diff(a, b).cells, diff(b, a).cells
+    one, other = diff(a, b), diff(b, a)
+    there, back = one.cells, other.cells
     assert there is not None and back is not None
     assert (there.in_a, there.in_b, there.in_both) == (back.in_b, back.in_a, back.in_both)
-    assert (there.beyond, there.mean) == (back.beyond, back.mean)
-    assert there.became_contradicted == back.ceased_contradicted > 0
-    assert [(one.x, one.y, one.a, one.b) for one in there.largest] == [
-        (one.x, one.y, one.b, one.a) for one in back.largest
+    assert (there.beyond == back.beyond).all() and (there.moved == back.moved).all()
+    assert there.became == back.ceased
+    assert [(one.x, one.y, one.a, one.b) for one in one.largest] == [
+        (one.x, one.y, one.b, one.a) for one in other.largest
     ]

@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-import possmap.inspection.tallies
 from possmap.cli.main import main
 
 # Robots without errors on cells of 0.5 m. Honest ones drive along row 0, columns 0 to 9; the liar
@@ -49,7 +48,9 @@ def fused(folder: Path, *logs: dict[str, Any]) -> Path:
     for path, one in zip(paths, logs, strict=True):
         path.write_text(json.dumps(one))
     grid = folder / "site.possmap"
-    assert run("fuse", *paths, "-g", grid, "--resolution", "0.5").exit_code == 0
+    assert (
+        run("fuse", *paths, "-g", grid, "--resolution", "0.5", "--profile", "paper").exit_code == 0
+    )
     return grid
 
 
@@ -63,25 +64,22 @@ def site(tmp_path: Path) -> Path:
 def test_a_liar_is_told_line_by_line(site: Path) -> None:
     result = run("audit", site, "--top", 2)
     assert (result.stderr, result.exit_code) == ("", 0)
-    # An honest robot's others say both wall and free, and half of each is left: K is 1/2, and so
-    # is what agrees, which counts half. The liar agrees with nobody on anything.
-    assert result.stdout == (
-        f"grid        {site}\n"
-        "judged      6 of 6 robots, 6 of 6 excursions\n"
-        "stands out  robot liar, excursion liar a\n"
-        "robots       contradiction     above  compared    mean K  wall/free  free/wall"
-        "  worst place\n"
-        "  1  liar            1.000     !16.7     50.0%    1.0000     1.0000     0.0000"
-        "  (0.250, 0.250) m\n"
-        "  2  r1              0.667       0.0    100.0%    0.5000     0.0000     0.5000"
-        "  (0.250, 0.250) m\n"
-        "excursions   contradiction     above  compared    mean K  wall/free  free/wall"
-        "  worst place\n"
-        "  1  liar a          1.000     !16.7     50.0%    1.0000     1.0000     0.0000"
-        "  (0.250, 0.250) m\n"
-        "  2  r1 a            0.667       0.0    100.0%    0.5000     0.0000     0.5000"
-        "  (0.250, 0.250) m\n"
+    # An honest robot's others say both wall and free; the liar agrees with nobody on anything.
+    lines = result.stdout.splitlines()
+    assert lines[:4] == [
+        f"grid        {site}",
+        "judged      6 of 6 robots, 6 of 6 excursions",
+        "stands out  robot liar since a (contradicts the others); "
+        "excursion liar a (contradicts the others)",
+        "robots       contradiction     above  compared    mean K     walls  outliers  surprise"
+        "  worst place",
+    ]
+    assert re.fullmatch(
+        r"  1  liar +1\.000 +![0-9.]+ +50\.0% +1\.0000 +0 +0 +0\.0  \(0\.250, 0\.250\) m", lines[4]
     )
+    assert lines[5].startswith("  2  r1 ") and "!" not in lines[5]
+    assert lines[7].startswith("  1  liar a ") and lines[8].startswith("  2  r1 a ")
+    assert len(lines) == 9
 
 
 def test_json_tells_the_same_of_all(site: Path) -> None:
@@ -91,6 +89,8 @@ def test_json_tells_the_same_of_all(site: Path) -> None:
     names = ["liar", "r1", "r2", "r3", "r4", "r5"]
     assert [one["robot"] for one in robots] == [one["robot"] for one in excursions] == names
     sure = pytest.approx(1, abs=1e-6)
+    above = robots[0].pop("above")
+    assert above > 6
     assert robots[0] == {
         "robot": "liar",
         "records": 4,
@@ -101,12 +101,13 @@ def test_json_tells_the_same_of_all(site: Path) -> None:
         "wall_free": sure,
         "free_wall": pytest.approx(0, abs=1e-6),
         "worst": {"x": 0.25, "y": 0.25, "conflict": sure},
+        "told": {"seen": 0, "outliers": 0, "surprise": 0.0, "overturn_deg": 0.0},
         "judged": True,
-        "above": pytest.approx(100 / 6, abs=1e-3),
         "stands_out": True,
+        "reasons": ["contradicts the others"],
+        "since": "a",
     }
-    assert {**robots[0], "excursion": "a"} == excursions[0]
-    assert [one["stands_out"] for one in excursions[1:]] == [False] * 5
+    assert [one["stands_out"] for one in excursions] == [True] + [False] * 5
 
 
 def test_who_shares_no_cells_with_others_is_not_judged(tmp_path: Path) -> None:
@@ -116,7 +117,7 @@ def test_who_shares_no_cells_with_others_is_not_judged(tmp_path: Path) -> None:
     assert "judged      2 of 4 robots, 2 of 4 excursions\n" in shown
     assert "stands out  cannot be said\n" in shown
     assert shown.endswith(
-        "not judged, for others say too little of the same cells\n"
+        "not compared, for others say too little of the same cells\n"
         "  r3 a: 2 cells compared, 100.0%\n"
         "  r4 a: 0 cells compared, 0.0%\n"
     )
@@ -129,28 +130,19 @@ def test_of_two_robots_neither_stands_out(tmp_path: Path) -> None:
     found = json.loads(run("audit", fused(tmp_path, *logs), "--json").stdout)
     told = [*found["robots"], *found["excursions"]]
     assert {(one["above"], one["stands_out"]) for one in told} == {(None, False)}
-    assert found["robots"][0]["contradiction"] == found["robots"][1]["contradiction"]
 
 
 def test_who_agrees_with_everybody_does_not_stand_out(tmp_path: Path) -> None:
     grid = fused(tmp_path, *(log(f"r{number}", HONEST) for number in range(6)))
     lines = run("audit", grid).stdout.splitlines()
     assert lines[2] == "stands out  nobody"
-    assert re.fullmatch(
-        r"  1  r0 +0\.000 +0\.0 +100\.0% +0\.0000 +0\.0000 +0\.0000  none", lines[4]
-    )
+    assert re.fullmatch(r"  1  r0 +0\.000 +0\.0 +100\.0% +0\.0000 +0 +0 +0\.0  none", lines[4])
 
 
-def test_excursions_of_one_robot_are_judged_apart_and_together(tmp_path: Path) -> None:
-    honest = [log(f"r{number}", HONEST) for number in range(1, 6)]
-    grid = fused(tmp_path, *honest, log("both", LIE, "x"), log("both", HONEST, "y"))
-    found = json.loads(run("audit", grid, "--json").stdout)
-    first = found["excursions"][0]
-    assert (first["robot"], first["excursion"], first["stands_out"]) == ("both", "x", True)
-    both = next(one for one in found["robots"] if one["robot"] == "both")
-    # Its own wall and its own path in the same cells: half of each, against free alone.
-    assert both["records"] == 6
-    assert both["wall_free"] == pytest.approx(0.5, abs=1e-6)
+def test_some_robots_are_audited_alone(site: Path) -> None:
+    found = json.loads(run("audit", site, "--json", "--robots", "r1", "--robots", "r2").stdout)
+    assert [one["robot"] for one in found["robots"]] == ["r1", "r2"]
+    assert [one["contradiction"] for one in found["robots"]] == [0, 0]
 
 
 def test_a_window_is_audited_alone(site: Path) -> None:
@@ -184,7 +176,7 @@ def test_what_is_no_grid_is_refused(tmp_path: Path) -> None:
     [
         (("--window=1,1,0,0",), "expected X0 < X1 and Y0 < Y1"),
         (("--top=0",), "0 is not in the range x>=1"),
-        (("--memory=1",), "found 1, expected at least "),
+        (("--last=0",), "0 is not in the range x>=1"),
     ],
 )
 def test_wrong_options_are_wrong_usage(args: tuple[str, ...], message: str, site: Path) -> None:
@@ -193,21 +185,7 @@ def test_wrong_options_are_wrong_usage(args: tuple[str, ...], message: str, site
     assert message in result.stderr
 
 
-def test_excursions_that_do_not_fit_are_refused_before_they_are_laid_out(
-    site: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(possmap.inspection.tallies, "_RECORD_BYTES", 1 << 24)
-    result = run("audit", site, "--memory", 256)
-    assert (result.stdout, result.exit_code) == ("", 1)
-    needed = re.fullmatch(
-        f"possmap: {site}: laying out 14 records needs --memory ([0-9]+), found 256; "
-        "or give a smaller --window\n",
-        result.stderr,
-    )
-    assert needed
-    assert run("audit", site, "--memory", needed[1]).exit_code == 0
-
-
+@pytest.mark.default_profile
 def test_the_page_shows_what_the_command_prints(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

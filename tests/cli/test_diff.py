@@ -14,7 +14,6 @@ from PIL import Image
 
 import possmap
 from possmap.cli.main import main
-from possmap.inspection.pairs import TilePairs
 
 LOGS = sorted((Path(__file__).parents[2] / "data/json").iterdir())
 
@@ -69,7 +68,7 @@ def unread(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object) -> None:
         raise AssertionError("a cell was read")
 
-    monkeypatch.setattr(TilePairs, "row", fail)
+    monkeypatch.setattr("possmap.inspection.diff.pairs", fail)
 
 
 def refused(result: Result, code: int = 1) -> str:
@@ -99,13 +98,13 @@ def test_two_grids_are_compared_line_by_line(grids: tuple[Path, Path]) -> None:
         "              7  100.00%  in B\n"
         "              6   85.71%  in both\n"
         "changed by       > 0.01    > 0.1    > 0.5     mean\n"
-        "  necessity      14.29%   14.29%   14.29%   0.1429\n"
-        "  possibility     0.00%    0.00%    0.00%   0.0000\n"
+        "  belief         14.29%   14.29%    0.00%   0.0714\n"
+        "  plausibility   14.29%   14.29%    0.00%   0.0714\n"
         "  point          14.29%   14.29%   14.29%   0.1429\n"
-        "contradicted  1 became so, 0 no longer are\n"
+        "contested     1 became so, 0 no longer are\n"
         "largest       2\n"
         "  1  (1.750, -0.250) m: point 0.0000 -> 1.0000\n"
-        "  2  (0.750, 0.250) m: necessity 0.0000 -> 1.0000\n"
+        "  2  (0.750, 0.250) m: belief 0.0000 -> 0.5000\n"
     )
 
 
@@ -114,7 +113,7 @@ def test_json_tells_the_same(grids: tuple[Path, Path]) -> None:
     found = json.loads(run("diff", a, b, "--json", "--largest", 1).stdout)
     sure = pytest.approx(1, abs=1e-6)
     one = {"over": {"0.01": 1, "0.1": 1, "0.5": 1}, "mean": pytest.approx(1 / 7, abs=1e-6)}
-    none = {"over": {"0.01": 0, "0.1": 0, "0.5": 0}, "mean": 0}
+    half = {"over": {"0.01": 1, "0.1": 1, "0.5": 0}, "mean": pytest.approx(1 / 14, abs=1e-6)}
     digests = {}
     for side, path in (("a", a), ("b", b)):
         with possmap.open_grid(path) as grid:
@@ -136,8 +135,8 @@ def test_json_tells_the_same(grids: tuple[Path, Path]) -> None:
         },
         "cells": {
             "known": {"a": 6, "b": 7, "both": 6, "either": 7},
-            "changed": {"necessity": one, "possibility": none, "point": one},
-            "contradicted": {"became": 1, "ceased": 0},
+            "changed": {"belief": half, "plausibility": half, "point": one},
+            "contested": {"became": 1, "ceased": 0},
             "largest": [{"x": 1.75, "y": -0.25, "quantity": "point", "a": 0, "b": sure}],
         },
         "picture": None,
@@ -213,8 +212,8 @@ def test_one_more_log_of_the_shipped_data(tmp_path: Path) -> None:
     assert [(one.robot, one.excursion) for one in found.excursions.only_b] == [("r1", "b")]
     cells = found.cells
     assert cells is not None and cells.in_both == cells.in_a < cells.in_b == cells.in_either
-    for one in cells.largest:  # more evidence never takes any away
-        assert one.a > one.b if one.quantity == "possibility" else one.a < one.b
+    assert len(found.largest) == 5
+    for one in found.largest:
         with possmap.open_grid(after) as grid:
             row, column = grid.lattice.cell_of(one.x, one.y)
             there = possmap.Window(row, row + 1, column, column + 1)
@@ -233,7 +232,7 @@ def test_paper_and_robust_profile_of_the_same_logs(tmp_path: Path) -> None:
     found = json.loads(run("diff", paper, robust, "--json").stdout)
     changed = [len(values) for values in found["settings"].values()]
     assert changed == [2] * 10
-    assert found["cells"]["contradicted"]["ceased"] > 0
+    assert found["cells"]["contested"]["ceased"] > 0
 
 
 def test_islands_at_the_ends_of_the_world(tmp_path: Path) -> None:
@@ -242,7 +241,7 @@ def test_islands_at_the_ends_of_the_world(tmp_path: Path) -> None:
     fused(b, log(far, "r2"))
     out = tmp_path / "d.png"
     result = run("diff", a, b, "--picture", out)
-    assert "  1  (900000.250, 0.250) m: possibility 1.0000 -> 0.0000\n" in result.stdout
+    assert "  1  (900000.250, 0.250) m: plausibility 1.0000 -> 0.0000\n" in result.stdout
     assert result.stdout.splitlines()[-1].startswith(f"{out}: ") and result.exit_code == 0
 
 
@@ -262,7 +261,7 @@ def test_different_resolutions_are_refused(grids: tuple[Path, Path], tmp_path: P
     coarse = tmp_path / "coarse.possmap"
     possmap.fuse(LOGS[:1], coarse, {"resolution": 1})
     assert refused(run("diff", a, coarse)) == (
-        f"{coarse}: resolution 1, where {a} has 0.5: their cells cannot be compared"
+        f"{coarse}: resolution 1.0, where {a} has 0.5: their cells cannot be compared"
     )
 
 

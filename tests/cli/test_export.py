@@ -66,7 +66,10 @@ def test_all_evidence_is_written_and_no_cell_more(grid: Path, tmp_path: Path) ->
     assert (result.stderr, result.exit_code) == ("", 0)
     assert drawn(out) == DRAWN
     with np.load(out) as arrays:
-        assert sorted(arrays) == ["necessity", "origin", "possibility", "resolution"]
+        assert sorted(arrays) == [
+            "belief", "necessity", "origin", "pignistic_logit", "plausibility", "possibility",
+            "resolution",
+        ]  # fmt: skip
         assert arrays["necessity"].dtype == arrays["possibility"].dtype == np.float32
         assert arrays["origin"].tolist() == [-1.0, -0.5]
         assert arrays["resolution"] == 0.5
@@ -125,7 +128,7 @@ def test_quiet_prints_nothing(grid: Path, tmp_path: Path) -> None:
         (
             "site",
             'unknown suffix "", expected one of .npz, .yaml, .yml, .geojson, .csv, .png, .svg, '
-            ".dxf, .bt, .ot",
+            ".dxf",
         ),
         (".", None),
         ("a" * 300 + ".npz", None),

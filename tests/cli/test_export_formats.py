@@ -17,7 +17,7 @@ from click.testing import CliRunner, Result
 from maps import cells_of, drawn_grid, write_grid
 
 from possmap.cli.main import main
-from possmap.exports.formats import FORMATS
+from possmap.exports.export import FORMATS
 from possmap.exports.job import Choices
 from possmap.grid.grid import Grid
 
@@ -26,8 +26,6 @@ SUFFIXES = list(FORMATS)
 BESIDE = {".yaml": ".pgm", ".yml": ".pgm", ".png": ".pgw"}
 EXTRAS = [
     (".dxf", "ezdxf", "dxf"),
-    (".bt", "pyoctomap", "octomap"),
-    (".ot", "pyoctomap", "octomap"),
 ]
 
 
@@ -237,9 +235,9 @@ def test_a_single_cell_is_a_map_too(suffix: str, tmp_path: Path) -> None:
     [
         (["--mode", "raw"], ".png", "--mode belongs to .yaml, .yml, not to .png."),
         (["--layer", "points"], ".yaml", "--layer belongs to .png, not to .yaml."),
-        (["--free", "0.1"], ".svg", "--free belongs to .yaml, .yml, .bt, not to .svg."),
-        (["--occupied", "0.1"], ".csv", "--occupied belongs to .yaml, .yml, .svg, .dxf, .bt, not"),
-        (["--base-rate", "0.1"], ".npz", "--base-rate belongs to .yaml, .yml, .png, .ot, not to"),
+        (["--free", "0.1"], ".svg", "--free belongs to .yaml, .yml, not to .svg."),
+        (["--occupied", "0.1"], ".csv", "--occupied belongs to .yaml, .yml, .svg, .dxf, not"),
+        (["--base-rate", "0.1"], ".npz", "--base-rate belongs to .yaml, .yml, .png, not to"),
         (["--mode", "grey"], ".yaml", "'grey' is not one of 'trinary', 'scale', 'raw'"),
         (["--layer", "necesity"], ".png", 'unknown layer "necesity", did you mean "necessity"?'),
         (["--layer", "x"], ".png", 'unknown layer "x", expected one of necessity, possibility'),
@@ -259,10 +257,10 @@ def test_options_that_make_no_sense_are_wrong_usage(
 
 def test_mode_and_thresholds_reach_the_map(grid: Path, tmp_path: Path) -> None:
     out = tmp_path / "map.yaml"
-    run("export", grid, "-o", out, "--mode", "scale", "--occupied", "0.8", "--free", "0")
-    assert map_server.load(out).letters() == ["###", "#.?", "#?%"]
+    run("export", grid, "-o", out, "--mode", "scale", "--occupied", "0.8", "--free", "0.01")
+    assert map_server.load(out).letters() == ["###", "#.?", "%?%"]
     assert set(files(tmp_path)) == {grid.name, "map.yaml", "map.png"}
-    assert "necessity >= 0.8, else free where possibility <= 0" in out.read_text(encoding="utf-8")
+    assert "belief >= 0.8, else free where plausibility <= 0.01" in out.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("beside", ["map.pgm", "map.yaml"])

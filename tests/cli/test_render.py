@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner, Result
 from PIL import Image
 
-import possmap.pictures.animate
+import possmap.pictures.film
 import possmap.pictures.render
 from possmap.cli import render as cli_render
 from possmap.cli.main import main
@@ -31,7 +31,10 @@ LOG: Any = {
         {"seq": 4, "kind": "pose", "x": 1.2, "y": 0.2, "heading": 0},
     ],
 }
-LAYERS = "map, necessity, possibility, ignorance, conflict, probability, points, coverage"
+LAYERS = (
+    "map, belief, plausibility, contested, ignorance, pignistic, probability, necessity, "
+    "possibility, conflict, contradicted, points, coverage"
+)
 IS_NONE = f'unknown layer "", expected one of {LAYERS}'
 
 
@@ -252,7 +255,7 @@ def test_a_picture_that_fails_half_way_leaves_nothing_behind(
         out.write_text("precious")
     before = files(tmp_path)
     monkeypatch.setattr(possmap.pictures.render, "write_png", fail)
-    monkeypatch.setattr(possmap.pictures.animate, "write_film", fail)
+    monkeypatch.setattr(possmap.pictures.film, "_write", fail)
     more = ("--animate", "excursion") if film else ()
     result = run("render", grid, "-o", out, "--overwrite", *more)
     assert result.exit_code == 1

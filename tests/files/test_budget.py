@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -24,9 +25,9 @@ from possmap.core.settings import EvidenceSettings
 from possmap.errors import BudgetError
 from possmap.grid.grid import Grid
 from possmap.pictures import raster
+from possmap.pictures.overlays import Thinned
 from possmap.pictures.raster import Raster
 from possmap.pictures.render import Look, render
-from possmap.pictures.thinning import Points, Track
 
 DATA = Path(__file__).parents[2] / "data" / "json"
 
@@ -90,14 +91,6 @@ def test_what_a_refusal_asks_for_is_enough_and_no_more() -> None:
             Budget(needed - 1).check_held("it", size)
 
 
-def test_less_than_any_command_needs_is_wrong_usage(site: Path) -> None:
-    result = run("export", site, "-o", "x.npz", "--memory", LEAST_MIB - 1)
-    assert result.exit_code == 2
-    assert (
-        f"Invalid value for '--memory': found {LEAST_MIB - 1}, expected at least" in result.stderr
-    )
-
-
 # Pictures ---------------------------------------------------------------------------------------
 
 
@@ -112,15 +105,14 @@ def test_less_than_any_command_needs_is_wrong_usage(site: Path) -> None:
     ],
     ids=str,
 )
-def test_little_memory_draws_the_same_picture_byte_for_byte(
+def test_bands_draw_the_same_picture_byte_for_byte(
     site: Path, tmp_path: Path, look: Look, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    little, much, banded = (tmp_path / f"{name}.png" for name in ("little", "much", "banded"))
-    render(site, little, look, budget=Budget(256))
-    render(site, much, look, budget=Budget(4096))
+    whole, banded = (tmp_path / f"{name}.png" for name in ("whole", "banded"))
+    render(site, whole, look)
     monkeypatch.setattr(raster, "_BAND_BLOCKS", 1000)
     render(site, banded, look)
-    assert little.read_bytes() == much.read_bytes() == banded.read_bytes()
+    assert whole.read_bytes() == banded.read_bytes()
 
 
 def test_bands_of_a_picture_hold_each_row_of_blocks_once() -> None:
@@ -136,65 +128,36 @@ def test_a_picture_that_does_not_fit_is_refused_with_what_would_help(
     site: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out.png"
-    result = run("render", site, "-o", out, "--bare", "--memory", LEAST_MIB)
+    result = run("render", site, "-o", out, "--scale", 1)
     assert (result.exit_code, result.stdout) == (1, "")
-    assert result.stderr == (
-        "possmap: a picture of 7680 × 10155 pixels needs --memory 255, found 128; or shrink it "
-        "with --max-size PIXELS, or take a part: --window X0,Y0,X1,Y1\n"
+    assert re.fullmatch(
+        r"possmap: 1 × \d+ × \d+ pixels with axes and keys, expected at most 40,000,000; "
+        r"--max-size PIXELS shrinks it, --window X0,Y0,X1,Y1 takes a part, "
+        r"--bare leaves all but the cells\n",
+        result.stderr,
     )
     assert not out.exists()
-    assert run("render", site, "-o", out, "--bare", "--memory", 255).exit_code == 0
 
 
-def test_coverage_that_does_not_fit_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_tiles_that_do_not_fit_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     grid = tmp_path / "site.possmap"
     possmap.fuse(DATA, grid)
     out = tmp_path / "out.png"
-    monkeypatch.setattr("possmap.pictures.coverage._OVERHEAD", 1 << 27)
-    result = run("render", grid, "-o", out, "--layer", "coverage", "--memory", LEAST_MIB)
+    monkeypatch.setattr("possmap.pictures.tiles.MOST_TILES", 1)
+    result = run("render", grid, "-o", out, "--robots", "r1")
     assert result.exit_code == 1 and not out.exists()
-    assert result.stderr.startswith(
-        f"possmap: {grid}: counting excursions cell by cell needs --memory "
+    assert result.stderr == (
+        f"possmap: {grid}: more than 1 tiles laid out again, expected fewer; "
+        "take a part of it: --window X0,Y0,X1,Y1\n"
     )
-    assert result.stderr.endswith(", found 128; or take a part of it: --window X0,Y0,X1,Y1\n")
 
 
-def test_of_too_many_points_near_ones_become_the_most_certain_of_them() -> None:
-    chosen = Raster(Window(0, 1000, 0, 1000), 10)
-    points = Points(chosen, 0.1, most=100)
-    rng = np.random.default_rng(1)
-    places = [(float(x), float(y)) for x, y in rng.uniform(0, 100, (5000, 2))]
-    certainties = rng.uniform(0.1, 1, len(places)).tolist()
-    for place, certainty in zip(places, certainties, strict=True):
+def test_of_points_in_one_pixel_the_most_certain_is_drawn() -> None:
+    points = Thinned(Raster(Window(0, 10, 0, 10)), 0.1)
+    for place, certainty in (((0.51, 0.5), 0.5), ((0.52, 0.5), 0.7), ((0.53, 0.5), 0.6)):
         points.add(place, certainty)
-    kept = points.all()
-    assert 20 < len(kept) <= 100
-    assert max(kept, key=lambda one: one[1]) == max(
-        zip(places, certainties, strict=True), key=lambda one: one[1]
-    )
-
-
-def test_a_few_points_are_all_drawn_even_in_one_place() -> None:
-    points = Points(Raster(Window(0, 10, 0, 10)), 0.1)
-    for certainty in (0.5, 0.7, 0.5):
-        points.add((0.5, 0.5), certainty)
-    assert [certainty for _, certainty in points.all()] == [0.5, 0.7, 0.5]
-
-
-def test_a_thinned_track_begins_and_ends_where_it_did() -> None:
-    places = [(0.01 * step, 5.0) for step in range(2001)]
-    thin, all_of_it = (
-        Track(Raster(Window(0, 300, 0, 300), 10), 0.1),
-        Track(Raster(Window(0, 300, 0, 300)), 0.1),
-    )
-    for place in places:
-        thin.add(place)
-        all_of_it.add(place)
-    assert all_of_it.all() == places
-    assert thin.all()[0] == places[0] and thin.all()[-1] == places[-1]
-    assert len(thin.all()) < 50
+    points.add((0.9, 0.5), 0.1)
+    assert points.all() == [((0.52, 0.5), 0.7), ((0.9, 0.5), 0.1)]
 
 
 # What a file holds ------------------------------------------------------------------------------
@@ -303,7 +266,7 @@ def bounded(folder: Path, rows: int, columns: int) -> Iterator[tuple[str, float]
         ("npz", "export", grid, "-o", folder / "site.npz", "--window", "0,0,400,300"),
         ("diff", "diff", grid, other),
     ):
-        yield name, peak_mib(*args, *([] if name in ("info", "query") else ["--memory", 160]))
+        yield name, peak_mib(*args)
 
 
 def test_commands_stay_within_their_memory(tmp_path: Path) -> None:

@@ -14,10 +14,11 @@ from hypothesis import strategies as st
 from maps import Pairs, drawn_grid, write_grid
 
 from possmap.exports import cells_csv
-from possmap.exports.run import export
+from possmap.exports.export import export
 from possmap.grid.grid import Grid
 
-HEAD = ["row", "column", "x", "y", "necessity", "possibility", "points"]
+HEAD = ["row", "column", "x", "y", "necessity", "possibility", "belief", "plausibility",
+        "points"]  # fmt: skip
 
 
 def test_a_drawing_becomes_these_lines(tmp_path: Path) -> None:
@@ -30,8 +31,8 @@ def test_a_drawing_becomes_these_lines(tmp_path: Path) -> None:
         "# possmap", "# digest", "# resolution", "# frame", "# origin", "# cells",
     ]  # fmt: skip
     assert text.partition("row,")[2].splitlines()[1:] == [
-        "-2,-1,-0.25,-0.75,0,0,0",
-        "-1,0,0.25,-0.25,0.999999887,1,0",
+        "-2,-1,-0.25,-0.75,0,0,0,1.12535175e-07,0",
+        "-1,0,0.25,-0.25,0.999999887,1,0.999999887,1,0",
     ]
 
 
@@ -56,15 +57,15 @@ def test_the_lines_are_the_cells_in_order(cells: Pairs, at_once: int) -> None:
         with Grid(path) as grid:
             window = grid.window
             assert window is not None
-            necessity, possibility = grid.necessity(), grid.possibility()
+            views = [grid.view(name) for name in HEAD[4:]]
             centre_of = grid.lattice.centre_of
     assert lines[0] == HEAD
     read = [[float(number) for number in line] for line in lines[1:]]
     assert [(row, column) for row, column, *_ in read] == sorted(cells)
-    for row, column, x, y, n, p, points in read:
+    for row, column, x, y, *values in read:
         assert (x, y) == pytest.approx(centre_of(int(row), int(column)), abs=1e-9)
         at = int(row) - window.row0, int(column) - window.column0
-        assert (n, p, points) == pytest.approx((necessity[at], possibility[at], 0), abs=1e-8)
+        assert values == pytest.approx([view[at] for view in views], abs=1e-8)
 
 
 def test_numpy_reads_it_as_it_is(tmp_path: Path) -> None:

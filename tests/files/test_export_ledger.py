@@ -20,9 +20,9 @@ from teams import fuse, write_logs
 
 from possmap.core.evidence import Geometry
 from possmap.core.propagation import ErrorRectangle
+from possmap.exports.export import export
+from possmap.exports.features import swept
 from possmap.exports.job import Choices
-from possmap.exports.ledger_shapes import swept
-from possmap.exports.run import export
 from possmap.grid.grid import Grid
 
 MODEL = {"along": 0.01, "across": 0.02, "turn_spread": 0}

@@ -11,9 +11,10 @@ from hypothesis import settings as budget
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
+from possmap.core.lattice import Window
 from possmap.exports import outline
-from possmap.exports.bands import Marks
-from possmap.exports.outline import Polygon, Ring, TooManyCornersError, polygons
+from possmap.exports.outline import Marks, Polygon, Ring, TooManySidesError
+from possmap.exports.outline import polygons as outlines_of
 
 masks = arrays(np.bool_, array_shapes(min_dims=2, max_dims=2, max_side=9))
 
@@ -60,15 +61,28 @@ def pieces(mask: Marks) -> list[Marks]:
     return found
 
 
-def cut(mask: Marks, rows: int) -> Iterator[Marks]:
-    return (mask[row : row + rows] for row in range(0, len(mask), rows))
+def cut(mask: Marks, rows: int, columns: int) -> Iterator[tuple[Window, Marks]]:
+    """Yield a map in tiles, but for those without a mark; its first cell lies at (-5, 7)."""
+    for row in range(0, mask.shape[0], rows):
+        for column in range(0, mask.shape[1], columns):
+            piece = mask[row : row + rows, column : column + columns]
+            if piece.any():
+                yield Window(row - 5, row - 5 + len(piece), column + 7,
+                             column + 7 + piece.shape[1]), piece  # fmt: skip
 
 
-@budget(max_examples=400, deadline=None)
-@given(masks, st.integers(1, 9))
-def test_polygons_are_the_parts_of_a_map_that_hang_together(mask: Marks, rows: int) -> None:
-    found = polygons(mask.shape[1], cut(mask, rows))
-    assert found == polygons(mask.shape[1], [mask]), "bands do not matter"
+def polygons(mask: Marks, rows: int = 9, columns: int = 9) -> list[Polygon]:
+    origin = Window(-5, mask.shape[0] - 5, 7, mask.shape[1] + 7)
+    return outlines_of(origin, cut(mask, rows, columns))
+
+
+@budget(max_examples=150, deadline=None)
+@given(masks, st.integers(1, 9), st.integers(1, 9))
+def test_polygons_are_the_parts_of_a_map_that_hang_together(
+    mask: Marks, rows: int, columns: int
+) -> None:
+    found = polygons(mask, rows, columns)
+    assert found == polygons(mask), "pieces do not matter"
     covered = []
     for polygon in found:
         cells = inside(polygon.shell, mask.shape)
@@ -77,45 +91,39 @@ def test_polygons_are_the_parts_of_a_map_that_hang_together(mask: Marks, rows: i
             assert (cells & gap == gap).all(), "a hole lies in its shell, and no other"
             cells &= ~gap
         covered.append(cells)
+        for ring in (polygon.shell, *polygon.holes):
+            assert len(set(ring)) == len(ring), "no ring meets itself"
+        assert area(polygon.shell) > 0, "shells run anticlockwise"
+        assert all(area(hole) < 0 for hole in polygon.holes)
     expected = pieces(mask)
     assert len(covered) == len(expected)
     for part in expected:
         assert any((part == cells).all() for cells in covered)
 
 
-@budget(max_examples=400, deadline=None)
-@given(masks)
-def test_shells_run_anticlockwise_and_holes_clockwise_and_none_meets_itself(mask: Marks) -> None:
-    for polygon in polygons(mask.shape[1], [mask]):
-        assert area(polygon.shell) > 0
-        assert all(area(hole) < 0 for hole in polygon.holes)
-        for ring in (polygon.shell, *polygon.holes):
-            assert len(set(ring)) == len(ring)
-
-
 def test_a_corner_is_written_once_and_straight_borders_have_none_between() -> None:
     drawn = ["####", "#..#", "####"]
-    assert polygons(4, [marks(drawn)]) == [
+    assert polygons(marks(drawn)) == [
         Polygon(shell=[(0, 0), (4, 0), (4, 3), (0, 3)], holes=[[(1, 1), (1, 2), (3, 2), (3, 1)]])
     ]
 
 
 def test_cells_that_touch_at_a_corner_are_two_polygons() -> None:
-    assert polygons(2, [marks([".#", "#."])]) == [
+    assert polygons(marks([".#", "#."])) == [
         Polygon(shell=[(0, 0), (1, 0), (1, 1), (0, 1)], holes=[]),
         Polygon(shell=[(1, 1), (2, 1), (2, 2), (1, 2)], holes=[]),
     ]
 
 
 def test_a_hole_that_touches_the_outside_at_a_corner_stays_a_hole() -> None:
-    (found,) = polygons(4, [marks([".###", "#.##", "####"])])
+    (found,) = polygons(marks([".###", "#.##", "####"]))
     assert [sorted(hole) for hole in found.holes] == [[(1, 1), (1, 2), (2, 1), (2, 2)]]
     assert area(found.shell) == 11
 
 
 def test_an_island_in_a_lake_is_a_polygon_of_its_own() -> None:
     drawn = ["#####", "#...#", "#.#.#", "#...#", "#####"]
-    found = polygons(5, cut(marks(drawn), 2))
+    found = polygons(marks(drawn), 2)
     assert [(area(one.shell), [area(hole) for hole in one.holes]) for one in found] == [
         (25, [-9]),
         (1, []),
@@ -123,21 +131,21 @@ def test_an_island_in_a_lake_is_a_polygon_of_its_own() -> None:
 
 
 def test_nothing_marked_has_no_outline() -> None:
-    assert polygons(3, [np.zeros((2, 3), dtype=np.bool_)]) == []
+    assert polygons(np.zeros((2, 3), dtype=np.bool_)) == []
 
 
-def test_too_many_corners_are_noticed_before_memory_is_full(
+def test_outlines_too_long_for_memory_are_noticed_before_it_is_full(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(outline, "MOST_CORNERS", 7)
-    assert len(polygons(4, [marks(["####"])])) == 1
+    monkeypatch.setattr(outline, "MOST_SIDES", 10)
+    assert len(polygons(marks(["####"]))) == 1
     read = []
 
-    def rows() -> Iterator[Marks]:
+    def rows() -> Iterator[tuple[Window, Marks]]:
         for row in range(100):
             read.append(row)
-            yield marks(["#.#."]) if row % 2 else marks([".#.#"])
+            yield Window(row, row + 1, 0, 4), marks(["#.#."])
 
-    with pytest.raises(TooManyCornersError):
-        polygons(4, rows())
+    with pytest.raises(TooManySidesError):
+        outlines_of(Window(0, 100, 0, 4), rows())
     assert len(read) < 5

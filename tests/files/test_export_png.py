@@ -9,9 +9,9 @@ import pytest
 from maps import cells_of, drawn_grid, write_grid
 from PIL import Image
 
-from possmap.exports import bands
+from possmap.exports import cells as export_cells
+from possmap.exports.export import export
 from possmap.exports.job import LAYERS, Choices
-from possmap.exports.run import export
 from possmap.grid.grid import Grid
 
 DRAWN = ["3#..?", "?!7.?", "????9"]
@@ -46,7 +46,7 @@ def test_a_world_file_places_the_centre_of_the_upper_left_pixel(tmp_path: Path) 
             cell = grid.lattice.cell_of(x, y)
             assert grid.lattice.centre_of(*cell) == pytest.approx((x, y), abs=1e-9)
             window = grid.lattice.window_of(x - 0.1, y - 0.1, x + 0.1, y + 0.1)
-            assert round(65535 * float(grid.necessity(window)[0, 0])) == value
+            assert round(65535 * float(grid.view("belief", window)[0, 0])) == value
 
 
 def test_its_text_says_what_it_is(tmp_path: Path) -> None:
@@ -70,6 +70,6 @@ def test_bands_and_pieces_of_rows_show_the_same(
     whole = pixels(tmp_path / "1.png")
     assert whole.shape == (305, 528)
     for most in (2000, 100):
-        monkeypatch.setattr(bands.bands, "__defaults__", (False, most))
+        monkeypatch.setattr(export_cells.bands, "__defaults__", (False, most))
         export(path, tmp_path / "2.png", overwrite=True)
         assert (pixels(tmp_path / "2.png") == whole).all()

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from maps import Pairs, cells_of, write_grid
 
 from possmap.errors import OutputError
-from possmap.exports import shapes
+from possmap.exports import features
+from possmap.exports.export import export
 from possmap.exports.job import Choices, Job
 from possmap.exports.outline import Polygon
-from possmap.exports.run import export
 from possmap.grid.grid import Grid
 
 # Beside and on the borders of tiles, with tiles left out between, below and above (0, 0).
@@ -34,8 +34,8 @@ def outlines(cells: Mapping[tuple[int, int], tuple[float, float]]) -> list[Polyg
             window = grid.window
             assert window is not None
             job = Job(grid, window, None, (Path("site.svg"),), Choices())
-            found = shapes.outline_of_walls(job)
-            assert found == shapes.outline_of_evidence(job)
+            found = features.outline_of_walls(job)
+            assert found == features.outline_of_evidence(job)
 
     def moved(ring: list[tuple[int, int]]) -> list[tuple[int, int]]:
         return [(column + window.column0, row + window.row0) for column, row in ring]
@@ -44,11 +44,9 @@ def outlines(cells: Mapping[tuple[int, int], tuple[float, float]]) -> list[Polyg
 
 
 @budget(max_examples=25, deadline=None)
-@given(grids, st.sampled_from([1 << 22, 3000]))
-def test_single_cells_lie_where_they_are(cells: Pairs, at_once: int) -> None:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(shapes, "_BAND_CELLS", at_once)
-        found = outlines(cells)
+@given(grids)
+def test_single_cells_lie_where_they_are(cells: Pairs) -> None:
+    found = outlines(cells)
     area = 0
     for polygon in found:
         (x0, y0), *_ = polygon.shell
@@ -72,24 +70,14 @@ def test_a_room_across_four_tiles_is_one_outline_with_one_hole() -> None:
     ]
 
 
-def test_more_rows_or_columns_than_fit_in_memory_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(shapes, "_MOST_IN_A_LINE", 600)
-    cells = {(0, column): (1.0, 1.0) for column in (0, 300, 600)}
-    for name, some in (("wide", cells), ("high", {(c, r): pair for (r, c), pair in cells.items()})):
-        grid = write_grid(tmp_path / f"{name}.possmap", some)
-        with pytest.raises(OutputError, match="evidence in 768 rows or columns, expected at most"):
-            export(grid, tmp_path / f"{name}.svg")
-        export(grid, tmp_path / f"{name}.svg", (0, 0, 1, 1))
-
-
 def test_an_outline_that_is_too_jagged_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("possmap.exports.outline.MOST_CORNERS", 7)
+    monkeypatch.setattr("possmap.exports.outline.MOST_SIDES", 7)
     grid = write_grid(tmp_path / "site.possmap", cells_of(["#?#"]))
     for suffix in (".svg", ".dxf", ".geojson"):
-        with pytest.raises(OutputError, match=r"outlines of more than .* corners, expected fewer"):
+        with pytest.raises(
+            OutputError, match=r"outlines of more than .* sides of cells, expected fewer"
+        ):
             export(grid, tmp_path / f"site{suffix}")
     export(grid, tmp_path / "site.svg", (0, 0, 0.5, 0.5))

@@ -11,7 +11,7 @@ from PIL import Image
 
 import possmap
 from possmap.core.lattice import Window
-from possmap.exports.run import export
+from possmap.exports.export import export
 from possmap.pictures.render import Look, picture, render
 
 DATA = Path(__file__).parents[2] / "data" / "json"

@@ -12,11 +12,10 @@ from PIL import Image
 
 import possmap
 from possmap.core.evidence import Layer
-from possmap.core.fusion import UNIT, LayerArray
-from possmap.core.lattice import Window, joined, tiles_of
-from possmap.core.pyramid import FULL
-from possmap.core.settings import FreeFusion
-from possmap.pictures import compose, composite
+from possmap.core.fusion import UNIT
+from possmap.core.lattice import Window
+from possmap.core.patches import Crop, Patch, cropped
+from possmap.pictures import compose, composite, palettes
 from possmap.pictures.compose import Scene
 from possmap.pictures.raster import Raster
 from possmap.pictures.render import Look, picture
@@ -28,39 +27,45 @@ LOOKS = {
     "map-gray-shrunk.png": Look(bare=True, palette="gray", max_size=150),
 }
 """Drawn anew, after a change that is meant, by ``python tests/pictures/test_composite.py``."""
-LEVELS = np.linspace(0, 1, 64)
+SIDE = 64
+WEIGHTS = np.linspace(0, 8, SIDE)
+WINDOW = Window(0, SIDE, 0, SIDE)
+PALETTES = ("viridis", "magma", "gray")
 
 
 class Ramps:
-    """Cells whose N grows with x and whose denial with y; singular points where asked."""
+    """Cells whose weight for a wall grows with x and that against it with y; perhaps points."""
 
-    free_fusion: FreeFusion = "minimum"
+    def __init__(self, point: float = 0.0) -> None:
+        weights = np.rint(WEIGHTS * UNIT).astype(np.int64)
+        self.patch: Patch = {
+            Layer.WALLS: Crop(WINDOW, np.tile(weights, (SIDE, 1))),
+            Layer.FREE: Crop(WINDOW, np.tile(weights[:, None], (1, SIDE))),
+            Layer.POINTS: Crop(
+                WINDOW, np.full((SIDE, SIDE), round(-np.log1p(-point) * UNIT), dtype=np.int64)
+            ),
+        }
 
-    def __init__(self, points: float = 0.0) -> None:
-        shares = np.minimum(LEVELS, 1 - np.exp(-16))
-        self.weights = np.tile(np.rint(-np.log1p(-shares) * UNIT).astype(np.int64), (64, 1))
-        self.denials = np.tile(np.rint(LEVELS * FULL).astype(np.int64)[:, None], (1, 64))
-        self.points = np.full((64, 64), round(-np.log1p(-points) * UNIT), dtype=np.int64)
-
-    def areas(self, window: Window) -> Iterator[Window]:
-        """Yield the window in tiles, whether they hold anything or not."""
-        yield from joined(tiles_of(window), window)
-
-    def read_window(self, layer: Layer, window: Window) -> LayerArray:
-        """Return one layer of a window within 64 × 64 cells."""
-        whole = {Layer.WALLS: self.weights, Layer.FREE: self.denials, Layer.POINTS: self.points}
-        return whole[layer][window.row0 : window.row1, window.column0 : window.column1]
+    def patches(self, window: Window) -> Iterator[Patch]:
+        """Yield all that there is."""
+        yield cropped(self.patch, window)
 
 
-def tones(palette: str, points: float = 0.0) -> NDArray[np.int64]:
-    """Return the colours of the ramps, [denial, N]."""
-    image = compose.bare(Scene(Ramps(points), 0.1), "map", Raster(Window(0, 64, 0, 64)), palette)
+def tones(palette: str, point: float = 0.0) -> NDArray[np.int64]:
+    """Return the colours of the ramps, [weight against, weight for]."""
+    scene = Scene(Ramps(point), 0.1, "dempster")
+    image = compose.bare(scene, "map", Raster(WINDOW), palette)
     return np.asarray(image.convert("RGB")).astype(np.int64)[::-1]
 
 
 def light(colour: NDArray[np.int64]) -> NDArray[np.float64]:
     luminance: NDArray[np.float64] = colour @ np.array([0.2126, 0.7152, 0.0722])
     return luminance
+
+
+def apart(one: NDArray[np.int64], other: NDArray[np.int64]) -> NDArray[np.int64]:
+    away: NDArray[np.int64] = np.abs(one - other).sum(axis=-1)
+    return away
 
 
 @pytest.fixture(scope="module")
@@ -86,66 +91,73 @@ def test_golden_pictures_are_small() -> None:
     assert all(file.stat().st_size < 20_000 for file in files)
 
 
-@pytest.mark.parametrize("palette", ["viridis", "magma", "gray"])
-def test_a_path_is_the_darker_the_smaller_its_possibility(palette: str) -> None:
+@pytest.mark.parametrize("palette", PALETTES)
+def test_free_space_is_the_darker_the_smaller_the_plausibility_of_a_wall(palette: str) -> None:
     falling = np.diff(light(tones(palette)[1:, 0]))
-    assert (falling <= 0.5).all() and falling.sum() < -100
+    assert (falling <= 0.5).all() and falling.sum() < -50
 
 
-def test_a_wall_is_the_lighter_the_smaller_its_necessity() -> None:
+def test_a_wall_is_the_lighter_the_smaller_the_belief_in_it() -> None:
     falling = np.diff(light(tones("viridis")[0, 1:]))
     assert (falling <= 0.5).all() and falling.sum() < -100
 
 
-@pytest.mark.parametrize("palette", ["viridis", "magma", "gray"])
-def test_contradiction_has_one_tone_that_nothing_else_has(palette: str) -> None:
+@pytest.mark.parametrize("palette", PALETTES)
+def test_what_is_contested_is_shown_as_strength_and_never_as_opaque_paint(palette: str) -> None:
     found = tones(palette)
-    n, p = np.meshgrid(LEVELS, 1 - LEVELS)
-    sure = np.abs(n - p) > 0.01
-    yellow = found[63, 63]
-    is_yellow = (found == yellow).all(axis=2)
-    np.testing.assert_array_equal(is_yellow[sure], (n > p)[sure])
-    others = composite.table(palette).astype(int)
-    away = np.abs(others - yellow).sum(axis=1)
-    assert (away == 0).sum() == 1 and np.sort(away)[1] > 60
+    balanced = found[np.arange(SIDE), np.arange(SIDE)]
+    tint = np.array(palettes.CONTESTED)
+    away = apart(balanced, tint)
+    assert (np.diff(away) <= 40).all() and away[-1] < away[0] / 2, "the more, the nearer"
+    assert apart(composite.table(palette).astype(int), tint).min() > 30, "something shows through"
+    for settled in (found[0, -1], found[-1, 0]):
+        assert apart(settled, balanced[-1]) > 150
+    # A little evidence against much hardly tints it.
+    assert apart(found[8, -1], found[0, -1]) < apart(balanced[-1], found[0, -1]) / 4
 
 
-@pytest.mark.parametrize("palette", ["viridis", "magma", "gray"])
+@pytest.mark.parametrize("palette", PALETTES)
 def test_nothing_known_looks_unknown(palette: str) -> None:
     table = composite.table(palette).astype(int)
     used = np.unique(np.concatenate([
-        composite.drawn(Ramps(points), Raster(Window(0, 64, 0, 64))).ravel()
-        for points in (0.0, 0.02, 0.3, 0.9)
+        composite.drawn(Ramps(point), Raster(WINDOW), "dempster").ravel()
+        for point in (0.0, 0.02, 0.3, 0.9)
     ]))  # fmt: skip
-    away = np.abs(table[used[used != composite.UNKNOWN]] - table[composite.UNKNOWN]).sum(axis=1)
-    assert away.min() > 0
+    assert apart(table[used[used != 0]], table[0]).min() > 0
+
+
+def test_unknown_wall_free_and_contested_stay_apart_for_the_colour_blind() -> None:
+    found = tones("viridis")
+    four = np.array([found[0, 0], found[0, -1], found[-1, 0], found[-1, -1]]) / 255
+    linear = np.where(four <= 0.04045, four / 12.92, ((four + 0.055) / 1.055) ** 2.4)
+    # Deuteranopia after Machado, Oliveira and Fernandes (2009), severity 1.
+    seen = np.clip(linear @ np.array([
+        [0.367322, 0.280085, -0.011820],
+        [0.860646, 0.672501, 0.042940],
+        [-0.227968, 0.047413, 0.968881],
+    ]), 0, 1) ** (1 / 2.2)  # fmt: skip
+    for number, one in enumerate(seen):
+        for other in seen[number + 1 :]:
+            assert np.abs(one - other).sum() > 0.4
 
 
 def test_a_weak_singular_point_hides_neither_wall_nor_path() -> None:
     with_points, without = tones("viridis", 0.05), tones("viridis")
-    strong = np.maximum(LEVELS[:, None], LEVELS[None, :]) > 0.06
+    certain = 1 - np.exp(-WEIGHTS)
+    strong = np.maximum(certain[:, None], certain[None, :]) > 0.3
     np.testing.assert_array_equal(with_points[strong], without[strong])
 
 
 def test_a_strong_singular_point_is_seen() -> None:
-    table = composite.table("viridis").astype(int)
-    with_points = tones("viridis", 0.999)
-    assert np.abs(with_points[0, 0] - table[255]).sum() < 30
-
-
-def test_a_faint_wall_of_one_cell_is_seen_beside_a_certain_path() -> None:
-    found = tones("viridis")
-    for denial in (0, 1, 32, 63):
-        assert (found[denial, 1] != found[denial, 0]).any()
+    assert apart(tones("viridis", 0.999)[0, 0], np.array(palettes.POINT)) < 30
 
 
 def test_letters_say_the_same_as_colours() -> None:
     letters = np.array(list(composite.letters()))
-    index = composite.drawn(Ramps(), Raster(Window(0, 64, 0, 64)))[::-1]
-    drawn = letters[index]
+    drawn = letters[composite.drawn(Ramps(), Raster(WINDOW), "dempster")[::-1]]
     assert drawn[0, 0] == " " and drawn[63, 63] == "!"
     assert set(drawn[0, 1:]) == {"#"} and set(drawn[1:, 0]) == {"."}
-    assert drawn[3, 3] == "+" and drawn[60, 2] == "+"
+    assert drawn[10, 63] == "#" and drawn[63, 10] == "."
     assert len(letters) == 256
 
 

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from PIL import Image
 
 from possmap.core.evidence import Layer
-from possmap.core.fusion import CERTAIN, UNIT, TileLayers
+from possmap.core.fusion import CERTAIN, UNIT
 from possmap.core.lattice import Window
+from possmap.core.patches import Crop, cropped
 from possmap.core.pyramid import FULL
 from possmap.inspection import difference_picture as difference
-from possmap.inspection.difference import CellPair, changes
-from possmap.inspection.difference_picture import Canvas, Mark
+from possmap.inspection.changes import CellPair, Change, changes
+from possmap.inspection.difference_picture import Canvas
 from possmap.pictures import palettes
 from possmap.pictures.raster import Raster
 
@@ -21,24 +23,25 @@ FAIR = UNIT
 """The weight of N = 1 - 1/e, which is 80/127."""
 
 
-def blank(window: Window) -> TileLayers:
-    return {
-        layer: np.zeros(window.shape, dtype=np.uint16 if layer is Layer.FREE else np.int64)
-        for layer in Layer
-    }
+def blank(window: Window) -> dict[Layer, NDArray[np.int64]]:
+    return {layer: np.zeros(window.shape, dtype=np.int64) for layer in Layer}
 
 
-def canvas(a: TileLayers, b: TileLayers, window: Window, shrink: int = 1) -> Canvas:
+def canvas(
+    a: dict[Layer, NDArray[np.int64]],
+    b: dict[Layer, NDArray[np.int64]],
+    window: Window,
+    shrink: int = 1,
+) -> Canvas:
     made = Canvas(Raster(window, shrink))
+    patches = [{layer: Crop(window, cells) for layer, cells in one.items()} for one in (a, b)]
     rows = window.shape[0]
     for row in range(0, rows, 3):  # in pieces that blocks do not respect
         part = Window(
             window.row0 + row, window.row0 + min(row + 3, rows), window.column0, window.column1
         )
-        cut = part.slices_in(window)
-        pair = CellPair(part, {k: v[cut] for k, v in a.items()},
-                        {k: v[cut] for k, v in b.items()}, False)  # fmt: skip
-        made.add(pair, changes(pair))
+        pair = CellPair(part, *(cropped(patch, part) for patch in patches))
+        made.add(pair, changes(pair, ("minimum", "minimum")))
     return made
 
 
@@ -115,16 +118,19 @@ def test_marks_stand_beside_their_places_and_never_over_each_other() -> None:
     empty = canvas(blank(window), blank(window), window)
     empty.raster = chosen = Raster(window, 1, 4)
 
-    def sheet(*marks: Mark) -> Image.Image:
-        return difference.drawn(empty, ("a", "b"), 0.1, marks)
+    def change(x: float, y: float, quantity: str) -> Change:
+        return Change(x, y, quantity, 0.0, 1.0)
 
-    first = Mark(1, 5.0, 5.0, "necessity")
+    def sheet(*marks: Change) -> Image.Image:
+        return empty.drawn(("a", "b"), 0.1, marks)
+
+    first = change(5.0, 5.0, "belief")
     assert sheet().tobytes() != sheet(first).tobytes()
-    beside = sheet(first, Mark(2, 5.1, 5.1, "necessity"))
+    beside = sheet(first, change(5.1, 5.1, "belief"))
     assert beside.tobytes() == sheet(first).tobytes(), "it would lie over the first"
-    assert sheet(first, Mark(2, 5.1, 5.1, "possibility")).tobytes() != beside.tobytes()
-    assert sheet(Mark(1, 5.0, 5.0, "point")).tobytes() == sheet().tobytes(), "no mark, no entry"
+    assert sheet(first, change(5.1, 5.1, "plausibility")).tobytes() != beside.tobytes()
+    assert sheet(change(5.0, 5.0, "point")).tobytes() == sheet().tobytes(), "no mark, no entry"
     for x in (0.05, 9.95):
         for y in (0.05, 9.95):
-            assert sheet(Mark(12, x, y, "possibility")).size == sheet(first).size
+            assert sheet(change(x, y, "plausibility")).size == sheet(first).size
     assert chosen.size == (400, 400)

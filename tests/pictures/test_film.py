@@ -14,7 +14,7 @@ from teams import fuse, write_logs
 from versions import SETTINGS, log_of, prefix, written
 
 import possmap
-from possmap.pictures.animate import By, animate
+from possmap.pictures.film import By, animate
 from possmap.pictures.render import Look, picture
 
 DATA = Path(__file__).parents[2] / "data" / "json"
@@ -83,7 +83,8 @@ def test_each_frame_is_the_picture_of_the_grid_of_the_logs_so_far(
     window = whole_window(full)
     for count, end in enumerate(LOG_ENDS, 1):
         expected = still(folder / f"{count}.possmap", bare(layer, palette, window_m=window))
-        np.testing.assert_array_equal(shown[end - 1], expected, err_msg=f"after log {count}")
+        away = np.abs(shown[end - 1].astype(int) - expected.astype(int)).max()
+        assert away <= (12 if suffix == ".gif" else 0), f"after log {count}"  # GIF: 256 colours
 
 
 @pytest.mark.parametrize("suffix", [".png", ".gif", ".webp"])

@@ -15,12 +15,13 @@ from teams import fuse, write_logs
 import possmap
 from possmap.core.lattice import Window
 from possmap.inspection import difference_picture as difference
-from possmap.pictures import frame, keys, text
+from possmap.inspection.changes import Change
+from possmap.pictures import axes, frame, legend, text
 from possmap.pictures.render import Look, picture, raster_of
 
 DATA = Path(__file__).parents[2] / "data"
 EXACT = {"along": 0, "across": 0, "turn_spread": 0}
-EVERY = ("map", "necessity", "possibility", "ignorance", "conflict", "probability", "points",
+EVERY = ("map", "belief", "plausibility", "contested", "ignorance", "pignistic", "points",
          "coverage")  # fmt: skip
 
 
@@ -72,7 +73,7 @@ class Drawn:
                 self.pasted.append((image.size, place))
             paste(image, other, box, mask)
 
-        for module in (frame, keys):
+        for module in (axes, frame, legend):
             monkeypatch.setattr(module, "write", note)
         monkeypatch.setattr(ImageDraw.ImageDraw, "line", rule)
         monkeypatch.setattr(Image.Image, "paste", stick)
@@ -184,9 +185,10 @@ def test_no_label_of_a_difference_overlaps_or_is_cut_off(
     shape: tuple[int, int], name: str, marked: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     chosen = difference.raster_for(Window(-9, shape[0] - 9, 7, shape[1] + 7), exact=False)
+    canvas = difference.Canvas(chosen)
     drawn = Drawn(monkeypatch)
-    marks = [difference.Mark(1, 0.4, -0.4, "possibility")] if marked else []
-    sheet = difference.drawn(difference.Canvas(chosen), (name, name), 0.05, marks)
+    largest = [Change(0.4, -0.4, "plausibility", 1.0, 0.0)] if marked else []
+    sheet = canvas.drawn((name, name), 0.05, largest)
     assert list(drawn.complaints(sheet)) == []
 
 

@@ -115,7 +115,7 @@ def test_layers_are_not_painted_over_with_points_or_homes(site: Path) -> None:
     look = Look(layers=("necessity",))
     with possmap.open_grid(site) as grid:
         found = overlays_of(grid, look, raster_of(grid, look))
-    assert found == Overlays([], [], [], ())
+    assert found == Overlays()
 
 
 def test_what_lies_outside_the_window_is_not_listed(site: Path) -> None:

@@ -12,8 +12,8 @@ from teams import fuse, write_logs
 import possmap
 from possmap.pictures import terminal
 from possmap.pictures.compose import letters
-from possmap.pictures.preview import preview
 from possmap.pictures.render import Look, picture
+from possmap.pictures.terminal import preview
 
 DATA = Path(__file__).parents[2] / "data" / "json"
 SETTINGS = {"along": 0, "across": 0, "turn_spread": 0, "resolution": 0.5}
@@ -40,7 +40,7 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_without_colour_it_is_plain_text(tiny: Path) -> None:
     assert preview(tiny, Look(), 80, 24, "none").splitlines() == [
         "### #",
-        "....!...",
+        "....#...",
         "    #",
     ]
 

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from possmap.core.evidence import Layer
-from possmap.core.fusion import CERTAIN, LayerArray, blank
+from possmap.core.fusion import CERTAIN
 from possmap.core.lattice import Window, joined, tiles_of
+from possmap.core.patches import Crop, Patch
 from possmap.core.pyramid import FULL
-from possmap.core.settings import FreeFusion
 from possmap.pictures import compose, raster
 from possmap.pictures.compose import Scene
 
@@ -29,28 +29,29 @@ class Sketch:
     walls: dict[Place, int] = field(default_factory=dict)
     free: dict[Place, int] = field(default_factory=dict)
     points: dict[Place, int] = field(default_factory=dict)
-    free_fusion: FreeFusion = "minimum"
 
-    def areas(self, window: Window) -> Iterator[Window]:
-        """Yield the window in tiles, whether they hold anything or not."""
-        yield from joined(tiles_of(window), window)
-
-    def read_window(self, layer: Layer, window: Window) -> LayerArray:
-        """Return one layer of a window."""
-        whole: LayerArray = np.zeros(window.shape, dtype=blank(layer).dtype)
-        places = {Layer.WALLS: self.walls, Layer.FREE: self.free, Layer.POINTS: self.points}
-        for (row, column), value in places[layer].items():
-            if window.row0 <= row < window.row1 and window.column0 <= column < window.column1:
-                whole[row - window.row0, column - window.column0] = value
-        return whole
+    def patches(self, window: Window) -> Iterator[Patch]:
+        """Yield what there is, cell by cell."""
+        layers = {Layer.WALLS: self.walls, Layer.FREE: self.free, Layer.POINTS: self.points}
+        for layer, places in layers.items():
+            for (row, column), value in places.items():
+                cell = Window(row, row + 1, column, column + 1)
+                if cell.intersection(window).cells:
+                    others = {
+                        one: Crop(cell, np.array([[values.get((row, column), 0)]]))
+                        for one, values in layers.items()
+                    }
+                    yield {**others, layer: Crop(cell, np.array([[value]]))}
 
 
 def gray(sketch: Sketch, layer: str, chosen: raster.Raster) -> NDArray[np.uint8]:
-    return np.asarray(compose.bare(Scene(sketch, 0.1), layer, chosen, "gray"))
+    return np.asarray(compose.bare(Scene(sketch, 0.1, "minimum"), layer, chosen, "gray"))
 
 
 def coloured(sketch: Sketch, layer: str, chosen: raster.Raster) -> NDArray[np.uint8]:
-    return np.asarray(compose.bare(Scene(sketch, 0.1), layer, chosen, "viridis").convert("RGB"))
+    return np.asarray(
+        compose.bare(Scene(sketch, 0.1, "minimum"), layer, chosen, "viridis").convert("RGB")
+    )
 
 
 def pixel_of(chosen: raster.Raster, row: int, column: int) -> tuple[int, int]:
@@ -117,7 +118,7 @@ def scattered(seed: int, rows: int, columns: int) -> Sketch:
 @pytest.mark.parametrize("shrink", [2, 3, 7, 300])
 @pytest.mark.parametrize(("layer", "by"), [
     ("necessity", "max"), ("possibility", "min"), ("conflict", "max"), ("points", "max"),
-    ("ignorance", "min"),
+    ("ignorance", "min"), ("belief", "max"), ("plausibility", "min"), ("contested", "max"),
 ])  # fmt: skip
 def test_a_block_is_the_largest_or_smallest_of_its_cells(layer: str, by: str, shrink: int) -> None:
     sketch = scattered(shrink, 90, 70)
@@ -133,7 +134,7 @@ def test_a_block_is_the_largest_or_smallest_of_its_cells(layer: str, by: str, sh
 def test_a_contradiction_survives_and_none_is_made_up(shrink: int) -> None:
     window = Window(0, 2 * shrink, 0, 2 * shrink)
     beside = Sketch({(0, 0): CERTAIN}, {(1, 1): FULL})
-    within = Sketch({(0, 0): CERTAIN, (1, 0): CERTAIN}, {(1, 1): FULL, (1, 0): FULL})
+    within = Sketch({(1, 0): CERTAIN}, {(0, 0): FULL, (1, 1): FULL, (1, 0): FULL})
     chosen = raster.Raster(window, shrink)
     yellow = coloured(within, "map", raster.Raster(window))[2 * shrink - 2, 0]
     assert tuple(coloured(within, "map", chosen)[1, 0]) == tuple(yellow)
@@ -162,9 +163,7 @@ def test_blocks_that_tiles_share_become_one_value(shrink: int) -> None:
     cells = np.random.default_rng(shrink).integers(1, 2**30, window.shape)
     found = np.zeros(chosen.blocks, dtype=np.int64)
     for part in joined(tiles_of(window), window):
-        blocks = chosen.blocks_of(part)
-        target = found[blocks.where]
-        np.maximum(target, blocks.largest(cells[part.slices_in(window)]), out=target)
+        chosen.raise_to(found, part, cells[part.slices_in(window)])
     rows, columns = chosen.blocks
     whole = cells.reshape(rows, shrink, columns, shrink).max(axis=(1, 3))
     np.testing.assert_array_equal(found, whole)

@@ -19,7 +19,7 @@ from possmap.lab.evaluate.validity import Bin
 from possmap.pictures import compose, overlays, palettes
 from possmap.pictures.charts import Axis, Chart, Mark, Point, Series
 from possmap.pictures.frame import Panel, framed
-from possmap.pictures.keys import Entry, Group
+from possmap.pictures.legend import Entry, Group
 from possmap.pictures.overlays import Overlays
 from possmap.pictures.palettes import Colour
 from possmap.pictures.png import palette_image, write_png

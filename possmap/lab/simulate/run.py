@@ -18,9 +18,9 @@ from possmap.errors import OutputError, plural, printable, shown
 from possmap.lab.simulate.mission import Mission
 from possmap.lab.simulate.mission_file import read_mission
 from possmap.lab.simulate.summary import Summary, host_knows, in_order, summarise
-from possmap.pictures import compose, overlays, palettes
+from possmap.pictures import overlays, palettes, raster
 from possmap.pictures.frame import Panel, framed
-from possmap.pictures.keys import Entry, Group
+from possmap.pictures.legend import Entry, Group
 from possmap.pictures.overlays import Overlays
 from possmap.pictures.png import write_png
 from possmap.release import version
@@ -163,7 +163,7 @@ def draw(mission: Mission) -> Image.Image:
     """Return a picture of the world, the true tracks and where robots met."""
     x0, y0, x1, y1 = mission.world.bounds
     window = Lattice(_PICTURE_RESOLUTION).window_of(x0, y0, x1, y1)
-    chosen = compose.furnished_raster(window, False, None, None)
+    chosen = raster.furnished_raster(window, False, None, None)
     image = Image.new("RGB", chosen.size, palettes.UNKNOWN)
     drawn = Overlays(
         points=[(place, 1.0) for place in _meeting_places(mission)],

@@ -2,18 +2,74 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import shutil
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
+from typing import BinaryIO
 
 from possmap.atomic import replacing_all
-from possmap.budget import Budget
 from possmap.core.lattice import Window
 from possmap.errors import OutputError, did_you_mean, printable, shown
-from possmap.exports.bands import holds_evidence
-from possmap.exports.formats import FORMATS, WRITTEN_WITH, Format
+from possmap.exports.cells import holds_evidence
+from possmap.exports.cells_csv import write_cells
+from possmap.exports.dxf import write_dxf
+from possmap.exports.geojson import write_geojson
 from possmap.exports.job import Choices, Job
+from possmap.exports.npz import write_npz
+from possmap.exports.png import write_layer
+from possmap.exports.ros_map import image_beside, write_ros_map
+from possmap.exports.svg import write_svg
 from possmap.grid.grid import MOST_CELLS, Grid
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """How one suffix is written.
+
+    write : a job, into a stream for each of its outputs.
+    options : names of the Choices that it heeds.
+    beside : the files that go with the one asked for.
+    may_be_empty : whether a window without evidence is a result too.
+    least : what a cell takes on the disk even where nothing is known [bytes].
+    """
+
+    write: Callable[[Job, Sequence[BinaryIO]], None]
+    options: frozenset[str] = frozenset()
+    beside: Callable[[Path, Choices], tuple[Path, ...]] = lambda output, choices: ()
+    may_be_empty: bool = False
+    least: float = 0.0
+
+
+_ROS = Format(
+    write_ros_map,
+    frozenset({"mode", "occupied", "free", "base_rate"}),
+    beside=image_beside,
+    least=0.001,  # as PNG; a PGM takes a byte
+)
+
+FORMATS: Mapping[str, Format] = MappingProxyType(
+    {
+        ".npz": Format(write_npz, may_be_empty=True, least=0.08),
+        ".yaml": _ROS,
+        ".yml": _ROS,
+        ".geojson": Format(write_geojson),
+        ".csv": Format(write_cells),
+        ".png": Format(
+            write_layer,
+            frozenset({"layer", "base_rate"}),
+            beside=lambda output, choices: (output.with_suffix(".pgw"),),
+            least=0.002,
+        ),
+        ".svg": Format(write_svg, frozenset({"occupied"})),
+        ".dxf": Format(write_dxf, frozenset({"occupied"})),
+    }
+)
+"""By suffix, in lower case."""
+
+WRITTEN_WITH = MappingProxyType({".pgm": ".yaml", ".pgw": ".png"})
+"""Suffixes that somebody may ask for, with the one that writes them too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +98,6 @@ def export(
     window_m: tuple[float, float, float, float] | None = None,
     overwrite: bool = False,
     choices: Choices | None = None,
-    budget: Budget | None = None,
 ) -> ExportSummary:
     """Write a grid, or a window of it given as x0, y0, x1, y1 [m].
 
@@ -51,8 +106,6 @@ def export(
     OutputError
         For a suffix without a format, no evidence, too many cells, a format whose library is not
         installed, or an output that exists.
-    BudgetError
-        If a format that is made in memory does not fit.
     GridError
         If ``path`` is no grid.
     """
@@ -61,13 +114,28 @@ def export(
     outputs = (output, *chosen.beside(output, choices))
     for one in outputs:
         refuse_itself(path, one)
-    with Grid(path, budget=budget or Budget()) as grid, grid.snapshot():
+    with Grid(path) as grid, grid.snapshot():
         window = chosen_window(grid, window_m)
         if not chosen.may_be_empty:
             refuse_nothing(grid, window)
+        least = 1.0 if any(one.suffix == ".pgm" for one in outputs) else chosen.least
+        check_room(output, round(least * window.cells))
         with replacing_all(outputs, overwrite) as streams:
             chosen.write(Job(grid, window, window_m, outputs, choices), streams)
         return ExportSummary(outputs, *window.shape, grid.origin(window), grid.resolution)
+
+
+def check_room(output: Path, least: int) -> None:
+    """Raise OutputError if the disk has not even the least room that an output takes [bytes]."""
+    try:
+        free = shutil.disk_usage(output.resolve().parent).free
+    except OSError:
+        return  # writing it says why
+    if 0 < free < least:  # some file systems tell nothing
+        raise OutputError(
+            f"{printable(str(output))}: takes {least / 1e6:,.0f} MB at least, and the disk has "
+            f"{free / 1e6:,.0f} MB left; take a part of it: --window X0,Y0,X1,Y1"
+        )
 
 
 def format_of(output: Path) -> Format:

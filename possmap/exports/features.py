@@ -1,4 +1,4 @@
-"""What the ledger says as shapes on the map: tracks, walls with their error, corners."""
+"""What a drawing or a GIS shows of a grid: outlines of cells, tracks, walls with their error."""
 
 from __future__ import annotations
 
@@ -6,10 +6,58 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from possmap.core.evidence import Geometry
+from possmap.core.lattice import Window
 from possmap.core.records import Corner, Pose, Wall
-from possmap.exports.job import Job, Metres
+from possmap.errors import OutputError
+from possmap.exports import outline
+from possmap.exports.cells import known
+from possmap.exports.job import Job, Metres, tidy
+from possmap.exports.outline import Polygon, Ring, TooManySidesError, polygons
 
 Point = tuple[float, float]
+
+
+def outline_of_evidence(job: Job) -> list[Polygon]:
+    """Return the outlines of the cells that hold evidence, from the window's corner.
+
+    Raises
+    ------
+    OutputError
+        If they are too long for memory.
+    """
+    areas = job.grid.tiles.areas(job.window)
+    return _polygons(job, ((area, known(job.grid, area)) for area in areas))
+
+
+def outline_of_walls(job: Job) -> list[Polygon]:
+    """Return the outlines of the occupied cells, whose Bel reaches the threshold, likewise.
+
+    Raises
+    ------
+    OutputError
+        If they are too long for memory.
+    """
+    areas = job.grid.tiles.areas(job.window)
+    least = job.choices.occupied
+    return _polygons(job, ((area, job.grid.view("belief", area) >= least) for area in areas))
+
+
+def _polygons(job: Job, pieces: Iterator[tuple[Window, outline.Marks]]) -> list[Polygon]:
+    try:
+        return polygons(job.window, pieces)
+    except TooManySidesError:
+        raise OutputError(
+            f"{job.name}: outlines of more than {outline.MOST_SIDES:,} sides of cells, expected "
+            "fewer; take a part of it: --window X0,Y0,X1,Y1"
+        ) from None
+
+
+def metres(job: Job, ring: Ring, local: bool = False) -> list[Point]:
+    """Return a ring's corners in the site frame, or ``local``: from the window's corner [m]."""
+    row0, column0 = (0, 0) if local else (job.window.row0, job.window.column0)
+    lattice = job.grid.lattice  # to ask the grid reads its settings
+    corners = [lattice.corner_of(row + row0, column + column0) for column, row in ring]
+    return [(tidy(x), tidy(y)) for x, y in corners]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""What explains a picture: colour bars and legend entries, each a block that knows its size."""
+"""The legend of a picture: colour bars and signs, each a block that knows its size."""
 
 from __future__ import annotations
 
@@ -127,3 +127,26 @@ def diamond(
     """Draw the sign of a singular point."""
     corners = [(x, y - radius), (x + radius, y), (x, y + radius), (x - radius, y)]
     draw.polygon(corners, colour, outline)
+
+
+def in_column(keys: Sequence[Key]) -> tuple[list[tuple[int, int]], tuple[int, int]]:
+    """Return the places of keys one below the other, and the size of all [pixels]."""
+    places, y, widest = [], 0, 0
+    for key in keys:
+        places.append((0, y))
+        y += key.size[1] + 14
+        widest = max(widest, key.size[0])
+    return places, (widest, max(0, y - 14))
+
+
+def in_rows(keys: Sequence[Key], most: int) -> tuple[list[tuple[int, int]], tuple[int, int]]:
+    """Return the places of keys beside each other, at most so wide, and the size of all."""
+    places, x, y, row_height, widest = [], 0, 0, 0, 0
+    for key in keys:
+        key_width, key_height = key.size
+        if x and x + key_width > most:
+            x, y, row_height = 0, y + row_height + 14, 0
+        places.append((x, y))
+        x += key_width + 28
+        widest, row_height = max(widest, x - 28), max(row_height, key_height)
+    return places, (widest, y + row_height)

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from possmap.core.lattice import TILE, Window
-from possmap.core.views import CellArray
 from possmap.grid.grid import Grid
 
 Marks: TypeAlias = NDArray[np.bool_]
@@ -61,16 +60,3 @@ def known(grid: Grid, area: Window) -> Marks:
 def holds_evidence(grid: Grid, window: Window) -> bool:
     """Whether any cell of a window holds evidence."""
     return any(bool(known(grid, area).any()) for area in grid.tiles.areas(window))
-
-
-def occupancy(
-    necessity: CellArray, possibility: CellArray, occupied: float, free: float
-) -> NDArray[np.int8]:
-    """Return 100 where N reaches ``occupied``, else 0 where Π is at most ``free``, else -1.
-
-    So a cell of which both are true, a contradiction, counts as occupied: the safe side for
-    a robot that plans by it.
-    """
-    return np.where(
-        necessity >= occupied, np.int8(100), np.where(possibility <= free, np.int8(0), np.int8(-1))
-    )

@@ -1,16 +1,19 @@
-"""PNG written a few rows at a time, for images that should not be in memory whole."""
+"""The ``.png`` export, a layer in 16 bits: PNG written a few rows at a time, never held whole."""
 
 from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from possmap.exports.job import Job
+from possmap.core.lattice import Window
+from possmap.core.views import NOTHING, VIEWS, CellArray
+from possmap.exports.cells import bands, filled
+from possmap.exports.job import Job, tidy
 
 GRAY_16 = (16, 0)
 RGBA_8 = (8, 6)
@@ -31,7 +34,7 @@ def text_chunks(job: Job) -> dict[str, str]:
     }
 
 
-def write_png(
+def write_rows(
     stream: BinaryIO,
     size: tuple[int, int],
     kind: tuple[int, int],
@@ -80,3 +83,43 @@ def _filtered(pixels: NDArray[Any], begins_row: bool) -> bytes:
 def _chunk(stream: BinaryIO, kind: bytes, data: bytes) -> None:
     stream.write(struct.pack(">I", len(data)) + kind + data)
     stream.write(struct.pack(">I", zlib.crc32(kind + data)))
+
+
+FULL = 65535
+
+
+def write_layer(job: Job, streams: Sequence[BinaryIO]) -> None:
+    """Write values v as round(65535·v), the first row the highest y, and the world file."""
+    image, world = streams
+    window, choices = job.window, job.choices
+    rows, columns = window.shape
+    text = {
+        **text_chunks(job),
+        "possmap:view": choices.layer,
+        "possmap:scale": f"value = pixel / {FULL}",
+    }
+    write_rows(image, (columns, rows), GRAY_16, text, _pixels(job))
+    world.write(_world(job).encode())
+
+
+def _pixels(job: Job) -> Iterator[tuple[bool, NDArray[Any]]]:
+    layer, base_rate = job.choices.layer, job.choices.base_rate
+
+    def value(area: Window) -> NDArray[np.uint16]:
+        return _sixteen_bits(job.grid.view(layer, area, base_rate))
+
+    unknown = np.zeros(1) if layer == "points" else VIEWS[layer](NOTHING, base_rate)
+    for band in bands(job.window, from_top=True):
+        pixels = filled(job.grid, band, value, int(_sixteen_bits(unknown)[0]), np.uint16)
+        yield band.column0 == job.window.column0, pixels[::-1]
+
+
+def _sixteen_bits(values: CellArray) -> NDArray[np.uint16]:
+    return np.rint(FULL * values).astype(np.uint16)
+
+
+def _world(job: Job) -> str:
+    """Return a world file: a pixel's sides, and the centre of the upper left one [m]."""
+    c = job.grid.resolution
+    x, y = job.grid.lattice.centre_of(job.window.row1 - 1, job.window.column0)
+    return "".join(f"{line!r}\n" for line in (c, 0.0, 0.0, -c, tidy(x), tidy(y)))
