@@ -38,14 +38,14 @@ WORK: tuple[Case, ...] = (
         "fuse",
         "a.jsonl",
         certain(*(pose(n, 200 * (n % 2), 0) for n in range(1, 121)), error=60),
-        "expected at most 3e+11 (setting limit_file_cells)",
+        "expected at most 5e+10 (setting limit_record_cells)",
     ),
     Case(
         "200 runs of 200 m, 40 m wide",
         "fuse",
         "a.jsonl",
         certain(*(pose(n, 200 * (n % 2), 0) for n in range(1, 201)), error=20),
-        "expected at most 3e+11 (setting limit_file_cells)",
+        "expected at most 5e+10 (setting limit_record_cells)",
     ),
     Case(
         "a wall through 38,000 tiles",
