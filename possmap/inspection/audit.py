@@ -46,6 +46,8 @@ LEAST_SPREAD = 0.02
 
 SURPRISING = 5.0
 """So many standard deviations above what the model expects, walls tell that it does not hold."""
+FEWEST_WALLS = 10
+"""Of fewer walls, chance surprises."""
 OUTLIERS = 0.05
 """Of its walls so many may be outliers, more than of the other robots' ..."""
 FEWEST_OUTLIERS = 3
@@ -335,7 +337,8 @@ def _told_apart(side: Side, sides: Sequence[Side], limit: float = EXCURSION_STAN
     if told.outliers >= FEWEST_OUTLIERS and told.share >= usual + OUTLIERS:
         reasons.append("outliers among its walls")
     surprises = [one.told.surprise for one in others]
-    if told.surprise >= SURPRISING + max(0.0, float(np.median(surprises)) if surprises else 0.0):
+    expected = max(0.0, float(np.median(surprises))) if surprises else 0.0
+    if told.seen >= FEWEST_WALLS and told.surprise >= SURPRISING + expected:
         reasons.append("its walls surprise its model")
     return replace(side, above=above, reasons=tuple(reasons))
 
