@@ -29,7 +29,10 @@ from cluster.machines import machines
 
 AtExcursion: TypeAlias = Callable[[int, Callable[[], None]], None]
 LOGS = 24
-SMALL = Request(overrides={"transaction_records": parse_setting("transaction_records", "150", "")})
+SMALL = Request(
+    profile="paper",
+    overrides={"transaction_records": parse_setting("transaction_records", "150", "")},
+)
 """Some ten transactions."""
 
 
