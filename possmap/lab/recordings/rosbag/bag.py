@@ -12,7 +12,13 @@ from stat import S_ISDIR, S_ISREG
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from possmap.errors import RecordingError, printable, shown
-from possmap.lab.recordings.rosbag.untrusted import check_files, check_text, check_types
+from possmap.lab.recordings.rosbag.unpacking import check_files_unpack, check_messages_unpack
+from possmap.lab.recordings.rosbag.untrusted import (
+    UntrustedError,
+    check_files,
+    check_text,
+    check_types,
+)
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -165,8 +171,13 @@ class Bag:
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[Bag]:
+def opened(path: Path, again: bool = False) -> Iterator[Bag]:
     """Open a bag.
+
+    Parameters
+    ----------
+    again
+        Whether it was opened before, so that what it unpacks to is known.
 
     Raises
     ------
@@ -186,8 +197,16 @@ def opened(path: Path) -> Iterator[Bag]:
         try:
             if kind in (_SQLITE, b""):
                 check_files(path)
+            if not again:
+                check_files_unpack(path)
             reader = Reader1(path) if kind == _ROS1 else Reader2(path)
             reader.open()
+            folder: Any = reader
+            if not again and getattr(folder, "compression_mode", None) == "message":
+                for storage in folder.storage.storages:
+                    check_messages_unpack(storage.messages(storage.connections))
+        except UntrustedError as error:
+            raise RecordingError(str(path), f"cannot be read as a bag: {error}") from error
         except OSError as error:
             problem = f"cannot be read: {error.strerror or _detail(error)}"
             raise RecordingError(str(path), problem) from error

@@ -90,7 +90,7 @@ def open_bag(
         gatherers = [_Gatherer(path, plan, tally) for plan in used]
         total = max(1, sum({plan.topic.name: plan.topic.count for plan in used}.values()))
         told = 0
-        with opened(path) as bag:
+        with opened(path, again=True) as bag:
             for count in _gathered(bag, gatherers):
                 for number, gatherer in enumerate(gatherers):
                     gatherer.hand_to(join, number)
