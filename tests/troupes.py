@@ -120,7 +120,7 @@ class Bench:
 
     def missed(self) -> tuple[float, float]:
         """Return true minus logged place [m]."""
-        place, pose = self.body.place, self.steering.log().belief.logged
+        place, pose = self.body.place, self.steering.book.belief.logged
         return place.x - pose.x, place.y - pose.y
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -66,7 +67,6 @@ def simulate(
     """
     from possmap.cli.progress import clock
     from possmap.errors import plural, printable
-    from possmap.lab.simulate.run import as_json as to_json
     from possmap.lab.simulate.run import simulate as drive
 
     with clock() as tell:
@@ -75,7 +75,7 @@ def simulate(
             picture=picture, overwrite=overwrite, progress=tell,
         )  # fmt: skip
     if as_json:
-        click.echo(json.dumps(to_json(summary)))
+        click.echo(json.dumps(asdict(summary)))
     elif not ctx.obj["quiet"]:
         report(summary)
         logs = plural(summary.home, "log")
@@ -88,15 +88,15 @@ def report(summary: Summary) -> None:
 
     head = ("excursion", "fate", "min", "run m", "far m", "records", "known")
     click.echo("{:<10}{:<6}{:>7}{:>8}{:>7}{:>9}{:>7}".format(*head))
-    for one in summary.outings:
+    for one in summary.excursions:
         line = (
             f"{one.excursion:<10}{one.fate:<6}{one.minutes:>7.1f}{one.distance:>8.1f}"
             f"{one.farthest:>7.1f}{one.records:>9}{one.known:>7}"
         )
         click.echo(f"{line}  {one.why}".rstrip())
     click.echo(
-        f"{summary.home} of {len(summary.outings)} excursions came home; "
+        f"{summary.home} of {len(summary.excursions)} excursions came home; "
         f"{plural(summary.meetings, 'meeting')}; "
-        f"of the lost the host knows {plural(summary.relayed, 'record')}; "
+        f"of the lost the host knows {plural(summary.records_known_of_lost, 'record')}; "
         f"{summary.explored:.0%} of the walls explored"
     )

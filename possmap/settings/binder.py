@@ -16,9 +16,9 @@ from typing import Annotated, Any, Literal, TypeAlias, TypeVar, get_args, get_or
 
 import yaml
 
-from possmap.errors import SettingsError, did_you_mean, printable, shown
+from possmap.errors import SettingsError, did_you_mean, shown
 from possmap.settings.kinds import Kind, is_dataclass, kind_of, kinds_of
-from possmap.settings.yaml_file import is_null, members, place, read_yaml, refusal
+from possmap.settings.yaml_file import is_null, members, place, refusal, required_yaml
 
 T = TypeVar("T")
 
@@ -50,10 +50,7 @@ def bind_file(path: Path, cls: type[T], what: str, ignore: bool = False) -> T:
     SettingsError
         ``file:line: key, value found, what was expected``.
     """
-    root = read_yaml(path, what)
-    if root is None:
-        raise SettingsError(f"{printable(str(path))}: is empty, expected {what}")
-    return bind(root, cls, ignore=ignore)
+    return bind(required_yaml(path, what), cls, ignore=ignore)
 
 
 def bind(node: yaml.Node, cls: type[T], key: str = "", ignore: bool = False) -> T:

@@ -50,6 +50,14 @@ def read_yaml(path: Path, expected: str) -> yaml.Node | None:
     return parse_yaml(text, name)
 
 
+def required_yaml(path: Path, expected: str) -> yaml.Node:
+    """Return the root node of a YAML file as ``read_yaml`` does, but refuse one without any."""
+    root = read_yaml(path, expected)
+    if root is None:
+        raise SettingsError(f"{printable(str(path))}: is empty, expected {expected}")
+    return root
+
+
 def parse_yaml(text: str, name: str) -> yaml.Node | None:
     """Return the root node of YAML text; None if it says nothing.
 

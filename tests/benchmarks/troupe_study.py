@@ -71,9 +71,9 @@ def one(team: Team, seed: int) -> Row:
         folder = Path(name) / "out"
         summary = simulate(MISSION, folder, team.overrides(seed))
         row: Row = {
-            "excursions": len(summary.outings),
-            "home": summary.home / len(summary.outings),
-            "relayed": summary.relayed,
+            "excursions": len(summary.excursions),
+            "home": summary.home / len(summary.excursions),
+            "relayed": summary.records_known_of_lost,
             "explored": summary.explored,
             "found": 0.0,
             "right": float("nan"),

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from possmap.cli.main import main
 from possmap.lab.simulate.mission_file import read_mission
 from possmap.lab.simulate.settings import MissionSettings
-from possmap.lab.simulate.worlds import WorldFile
+from possmap.lab.simulate.world_file import WorldFile
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/simulate.md").read_text(encoding="utf-8")

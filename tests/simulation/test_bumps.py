@@ -22,7 +22,7 @@ def before(*walls: tuple[float, float, float, float]) -> Bench:
 
 
 def told(bench: Bench) -> list[dict[str, Any]]:
-    return bench.steering.log().own.records
+    return bench.steering.book.own.records
 
 
 @pytest.mark.parametrize("left", [0.06, -0.06])

@@ -102,7 +102,7 @@ def test_what_is_believed_of_a_turn_is_what_was_asked_for() -> None:
     bench = Bench(1, Faults(turn_bias=2.0, drift=0.0, scale=1.0), turn_noise=0.0)
     for asked, logged, true in ((45, 45, 47), (-45, 0, 4), (90, 90, 98), (-90, 0, 12)):
         bench.turn(asked)
-        assert bench.steering.log().belief.logged.heading_deg == logged
+        assert bench.steering.book.belief.logged.heading_deg == logged
         assert bench.heading_deg == pytest.approx(true)
 
 
@@ -132,9 +132,9 @@ def test_lining_up_with_a_wall_takes_the_heading_error_away() -> None:
         bench.do(bench.steering.run(3.0, lined_up=True, wall_side=-1))
         assert bench.heading_deg == 0
         assert bench.missed()[1] == side, "nothing moves it sideways"
-        belief = bench.steering.log().belief
+        belief = bench.steering.book.belief
         assert (belief.logged.heading_deg, belief.heading) == (0, 0)
-        walls = [r for r in bench.steering.log().own.records if r["kind"] == "wall"]
+        walls = [r for r in bench.steering.book.own.records if r["kind"] == "wall"]
         assert [wall["followed"] for wall in walls] == [True, True]
 
 
@@ -148,7 +148,7 @@ def test_a_robot_leaves_a_wall_as_far_off_its_direction_as_the_mission_says() ->
         for _ in range(2):
             bench.do(bench.steering.run(3.0, lined_up=True, wall_side=-1))
             assert bench.missed()[1] == pytest.approx(0, abs=1e-9), "it goes where the wall goes"
-        assert bench.steering.log().belief.heading == 0
+        assert bench.steering.book.belief.heading == 0
         off.append(bench.heading_deg)
     assert has_sd(np.array(off), 4.0 / 2.236)
 
@@ -184,7 +184,7 @@ def test_a_robot_with_a_wrong_scale_logs_too_short_or_too_long() -> None:
     bench = Bench(1, Faults(turn_bias=0.0, drift=0.0, scale=1.25), along=0.0, across=0.0)
     bench.run(5.0)
     assert bench.body.place.x == pytest.approx(5.0)
-    assert bench.steering.log().belief.logged.x == pytest.approx(4.0)
+    assert bench.steering.book.belief.logged.x == pytest.approx(4.0)
     settings = MissionSettings(scale_sd=0.02)
     scales = [draw_faults(settings, np.random.default_rng(k)).scale for k in range(400)]
     assert has_sd(np.array(scales) - 1, 0.02)

@@ -141,11 +141,11 @@ def test_the_host_knows_of_the_lost_what_they_told_others() -> None:
                 by_log[name] = max(by_log.get(name, 0), len(part["records"]))
         assert known == by_log
         summary = summarise(mission)
-        for one, outing in zip(ended, summary.outings, strict=True):
+        for one, outing in zip(ended, summary.excursions, strict=True):
             assert outing.known == known.get(one.excursion, 0) <= outing.records
             if one.fate == "home":
                 assert outing.known == outing.records
-        told += summary.relayed
+        told += summary.records_known_of_lost
     assert told > 0
 
 

@@ -14,7 +14,7 @@ from troupes import NO_ERRORS, drive, excursions, hall, logs_of, shipped_world, 
 
 from possmap.core.model import ErrorModel
 from possmap.lab.simulate.body import Place
-from possmap.lab.simulate.logbook import RECORD_BYTES, Logbook, Name, exchange, seconds_of
+from possmap.lab.simulate.logbook import RECORD_BYTES, Logbook, Name, exchange
 from possmap.lab.simulate.mission import Mission
 from possmap.lab.simulate.settings import MissionSettings
 from possmap.lab.simulate.summary import host_knows, in_order
@@ -88,7 +88,7 @@ def test_a_transfer_fits_the_link_and_the_longest_stop(mission: Mission) -> None
 def test_both_stand_still_while_they_talk(mission: Mission) -> None:
     settings = mission.settings
     for meeting in mission.meetings:
-        seconds = seconds_of(meeting.given + meeting.taken, settings.radio_rate)
+        seconds = (meeting.given + meeting.taken) * RECORD_BYTES / settings.radio_rate
         for one in excursions(mission):
             if one.robot in (meeting.robot, meeting.peer):
                 times = np.linspace(meeting.time + 0.01, meeting.time + seconds - 0.01, 20)

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from possmap.lab.simulate.settings import MissionSettings
+from possmap.lab.simulate.world import Floats
+
+Metres = TypeVar("Metres", float, Floats)
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,33 +26,33 @@ class Faults:
     scale: float
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
+class Place(NamedTuple):
     """Where a robot truly is: x, y [m], heading [rad]."""
 
     x: float
     y: float
     heading: float
 
-    def at(self, along: float, across: float) -> tuple[float, float]:
-        """Return a point given in the robot's own frame [m], across to the left."""
+    def at(self, along: Metres, across: float) -> tuple[Metres, Metres]:
+        """Return a point, or several, given in the robot's own frame [m], across to the left."""
         cos, sin = math.cos(self.heading), math.sin(self.heading)
         return self.x + along * cos - across * sin, self.y + along * sin + across * cos
 
     def moved(self, distance: float) -> Place:
         """Return the place so far straight ahead [m], or behind if negative."""
-        x, y = self.at(distance, 0.0)
-        return Place(x, y, self.heading)
+        return Place(*self.at(distance, 0.0), self.heading)
+
+    def turned(self, angle: float) -> Place:
+        """Return the place after a turn on the spot [rad]."""
+        return Place(self.x, self.y, self.heading + angle)
 
 
 def draw_faults(settings: MissionSettings, rng: np.random.Generator) -> Faults:
     """Draw one robot's faults: sides by a coin, sizes around the mission's."""
-    side, drift_side = rng.choice([-1.0, 1.0], size=2)
-    size = settings.turn_bias + settings.turn_bias_sd * rng.standard_normal()
-    scale = 1 + settings.scale_sd * rng.standard_normal()
-    if not settings.turn_bias:
-        size = 0.0
-    return Faults(float(side * size), float(drift_side * settings.drift), float(scale))
+    side, drift_side = rng.choice([-1.0, 1.0], size=2).tolist()
+    size = settings.turn_bias + settings.turn_bias_sd * float(rng.standard_normal())
+    scale = 1 + settings.scale_sd * float(rng.standard_normal())
+    return Faults(side * size if settings.turn_bias else 0.0, drift_side * settings.drift, scale)
 
 
 class Body:
@@ -60,20 +64,20 @@ class Body:
         self._settings = settings
         self._rng = rng
         self._stretch = 1.0
-        self._run: bool | None = None
-        self._off = 0.0
+        self._run: bool | None = None  # lined up or not; None before one begins
+        self._off = 0.0  # how far it stands off the wall that it has followed [rad]
 
-    def set_down(self, x: float, y: float, heading: float) -> None:
-        """Put the robot somewhere [m, rad]."""
-        self.place = Place(x, y, heading)
+    def set_down(self, place: Place) -> None:
+        """Put the robot somewhere; that ends its run."""
+        self.place = place
         self._run, self._off = None, 0.0
 
     def turned(self, asked_deg: float) -> Place:
         """Return the place after a turn that was asked for [deg]; it ends the run."""
-        self._run, self._off = None, 0.0
+        self.set_down(self.place)
         parts = abs(asked_deg) / 45
         true_deg = asked_deg + self.faults.turn_bias * parts + self._turn_noise(parts)
-        return replace(self.place, heading=self.place.heading + math.radians(true_deg))
+        return self.place.turned(math.radians(true_deg))
 
     def counted_turn(self, true_deg: float) -> float:
         """Return what the wheels make of a turn that a wall, not they, brought to an end [deg]."""
@@ -84,11 +88,13 @@ class Body:
     def _turn_noise(self, parts: float) -> float:
         return self._settings.turn_noise * math.sqrt(parts) * float(self._rng.standard_normal())
 
-    def line_up(self, heading: float | None = None) -> None:
-        """Stand as the wall does: at a heading [rad], or as when it was last followed."""
-        if heading is None:
-            heading = self.place.heading - self._off
-        self.place = replace(self.place, heading=heading)
+    def line_up(self) -> None:
+        """Stand again as the wall does that was last followed."""
+        self.place = self.place.turned(-self._off)
+        self._off = 0.0
+
+    def forget_wall(self) -> None:
+        """Have nothing to line up with again."""
         self._off = 0.0
 
     def leave_wall(self) -> None:
@@ -97,7 +103,7 @@ class Body:
         if settings.alignment_spread:
             half = math.radians(settings.alignment_spread)
             self._off = half / settings.factor * float(self._rng.standard_normal())
-            self.place = replace(self.place, heading=self.place.heading + self._off)
+            self.place = self.place.turned(self._off)
 
     def begin_run(self, lined_up: bool) -> None:
         """Draw what goes wrong with a run: a heading error that stays, and a length.
@@ -110,11 +116,10 @@ class Body:
             return
         self._run = lined_up
         settings = self._settings
-        kick, stretch = self._rng.standard_normal(2) / settings.factor
-        self._stretch = 1 + settings.along * float(stretch)
+        kick, stretch = (self._rng.standard_normal(2) / settings.factor).tolist()
+        self._stretch = 1 + settings.along * stretch
         if not lined_up:
-            heading = self.place.heading + settings.across * float(kick)
-            self.place = replace(self.place, heading=heading)
+            self.place = self.place.turned(settings.across * kick)
 
     def logged(self, distance: float) -> float:
         """Return what the wheels count over a true distance [m], in whole steps."""

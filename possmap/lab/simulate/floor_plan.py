@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
+from itertools import groupby
+from operator import itemgetter
 from typing import TypeAlias
 
 import numpy as np
@@ -15,6 +17,8 @@ Rectangle: TypeAlias = tuple[float, float, float, float]
 
 Wall: TypeAlias = tuple[float, float, float, float]
 """x, y, x2, y2 [m], parallel to an axis, x <= x2 and y <= y2."""
+
+_WALL, _DOOR = 0, 1
 
 
 def sides(rectangle: Rectangle) -> list[Wall]:
@@ -33,51 +37,28 @@ def united(walls: Iterable[Wall], doors: Iterable[Wall] = ()) -> Segments:
     doors
         What is taken away, from every wall on the same line.
     """
-    standing, open_ = _by_line(walls), _by_line(doors)
-    pieces = [
+    # By line, whether it runs along x and at which y (or x): where something begins or ends.
+    steps: dict[tuple[bool, float], list[tuple[float, int, int]]] = defaultdict(list)
+    for kind, pieces in ((_WALL, walls), (_DOOR, doors)):
+        for x, y, x2, y2 in pieces:
+            line, low, high = ((True, y), x, x2) if y == y2 else ((False, x), y, y2)
+            steps[line] += [(low, kind, 1), (high, kind, -1)]
+    found = [
         (low, at, high, at) if level else (at, low, at, high)
-        for (level, at), spans in sorted(standing.items())
-        for low, high in _without(_joined(spans), _joined(open_.get((level, at), [])))
+        for (level, at), on_line in sorted(steps.items())
+        for low, high in _standing(on_line)
     ]
-    return np.array(pieces, dtype=np.float64).reshape(-1, 4)
+    return np.array(found, dtype=np.float64).reshape(-1, 4)
 
 
-_Span: TypeAlias = tuple[float, float]
-_Line: TypeAlias = tuple[bool, float]
-"""Whether it runs along x, and at which y (or x)."""
-
-
-def _by_line(walls: Iterable[Wall]) -> dict[_Line, list[_Span]]:
-    lines: dict[_Line, list[_Span]] = defaultdict(list)
-    for x, y, x2, y2 in walls:
-        if y == y2:
-            lines[True, y].append((x, x2))
-        else:
-            lines[False, x].append((y, y2))
-    return lines
-
-
-def _joined(spans: list[_Span]) -> list[_Span]:
-    joined: list[_Span] = []
-    for low, high in sorted(spans):
-        if joined and low <= joined[-1][1]:
-            joined[-1] = (joined[-1][0], max(high, joined[-1][1]))
-        else:
-            joined.append((low, high))
-    return joined
-
-
-def _without(spans: list[_Span], gaps: list[_Span]) -> Iterator[_Span]:
-    """Yield what gaps leave of spans; both sorted, and free of overlap among themselves."""
-    first = 0
-    for begin, end in spans:
-        while first < len(gaps) and gaps[first][1] <= begin:
-            first += 1
-        low, gap = begin, first
-        while gap < len(gaps) and gaps[gap][0] < end:
-            if gaps[gap][0] > low:
-                yield low, gaps[gap][0]
-            low = gaps[gap][1]
-            gap += 1
-        if low < end:
-            yield low, end
+def _standing(steps: list[tuple[float, int, int]]) -> Iterator[tuple[float, float]]:
+    """Yield from where to where on one line there are walls, and no doors."""
+    count, begin = [0, 0], None
+    for place, here in groupby(sorted(steps), key=itemgetter(0)):
+        for _, kind, step in here:
+            count[kind] += step
+        if begin is None and count[_WALL] and not count[_DOOR]:
+            begin = place
+        elif begin is not None and not (count[_WALL] and not count[_DOOR]):
+            yield begin, place
+            begin = None

@@ -40,20 +40,16 @@ _X, _Y = 0, 1
 class Office:
     """A building with its south-west corner at the origin.
 
-    size
-        Outer sides along x and y [m].
-    rooms, obstacles
-        Rectangles; floor that is in no room is corridor.
-    doors
-        Openings, each in one wall.
-    home
-        A place in the first corridor [m].
+    size : outer sides along x and y [m].
+    rooms, obstacles : rectangles; floor that is in no room is corridor.
+    doors : openings, each in one wall.
+    home : a place in the first corridor [m].
     """
 
     size: tuple[float, float]
-    rooms: tuple[Rectangle, ...]
-    doors: tuple[Wall, ...]
-    obstacles: tuple[Rectangle, ...]
+    rooms: list[Rectangle]
+    doors: list[Wall]
+    obstacles: list[Rectangle]
     home: tuple[float, float]
 
     @property
@@ -69,19 +65,8 @@ def office(size_x: float, size_y: float, rng: np.random.Generator) -> Office:
 
     Corridors cut the floor into ever smaller blocks, each on a corridor, until rooms fit.
 
-    Parameters
-    ----------
-    size_x, size_y
-        Outer sides [m], 5 to 200.
-
-    Raises
-    ------
-    ValueError
-        ``size, found value, expected range``.
+    size_x, size_y : outer sides [m], SMALLEST to LARGEST.
     """
-    for size in (size_x, size_y):
-        if not SMALLEST <= size <= LARGEST:
-            raise ValueError(f"size, found {size:g}, expected {SMALLEST:g} to {LARGEST:g} m")
     size_x, size_y = round(size_x, 6), round(size_y, 6)
     whole = _Block(((0.0, size_x), (0.0, size_y)), ((False, False), (False, False)))
     across = _X if size_x < size_y else _Y  # the first corridor runs along the longer side
@@ -95,9 +80,7 @@ def office(size_x: float, size_y: float, rng: np.random.Generator) -> Office:
         for row in _rows(block, rng):
             _furnish_row(row, rooms, doors, rng)
     obstacles = [thing for room in rooms for thing in _furniture(room, doors, rng)]
-    return Office(
-        (size_x, size_y), tuple(rooms), tuple(doors), tuple(obstacles), (home[0], home[1])
-    )
+    return Office((size_x, size_y), rooms, doors, obstacles, (home[0], home[1]))
 
 
 class _Block(NamedTuple):
@@ -202,17 +185,12 @@ def _furniture(room: Rectangle, doors: list[Wall], rng: np.random.Generator) -> 
     for _ in range(int((x1 - x0) * (y1 - y0) / _FLOOR_PER_TRY)):
         long, short, at_wall = _FURNITURE[rng.integers(len(_FURNITURE))]
         measures = rng.permutation([rng.uniform(*long), rng.uniform(*short)])
-        spans = [
-            _stood(_round(measures[0]), x0, x1, rng),
-            _stood(_round(measures[1]), y0, y1, rng),
-        ]
+        walls = ((x0, x1), (y0, y1))
+        spans = [_stood(_round(measures[axis]), *walls[axis], rng) for axis in (_X, _Y)]
         if at_wall:
             axis, side = rng.integers(2), rng.integers(2)
-            low, high = spans[axis]
-            wall = (x0, y0)[axis], (x1, y1)[axis]
-            spans[axis] = (
-                (wall[0], wall[0] + high - low) if side else (wall[1] + low - high, wall[1])
-            )
+            (begin, end), (low, high) = spans[axis], walls[axis]
+            spans[axis] = (low, low + end - begin) if side else (high + begin - end, high)
         thing = _placed(_X, *spans)
         if not any(_overlap(thing, other) for other in kept):
             kept.append(_grown(thing, PASSAGE))

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 from possmap.core.correction import Believed, advance
 from possmap.core.estimators import at_start
 from possmap.core.model import ErrorModel
 from possmap.core.propagation import CarriedError, after_stretch
-from possmap.core.records import Beam, Corner, CornerKind, Meet, Pose, Record, Sighting, Wall
+from possmap.core.records import CornerKind, Pose, Sighting, Wall
 from possmap.core.settings import Estimator
 from possmap.core.track import Stretch
 
@@ -50,23 +50,32 @@ class Belief:
 
     def after(self, pose: Pose, seen: tuple[Sighting, ...], model: ErrorModel) -> Belief:
         """Return the belief at the next pose, given what was seen since the last."""
-        numbered = tuple(enumerate(seen))
-        stretch = Stretch.between(self.logged, pose, len(seen), numbered)
+        stretch = Stretch.between(self.logged, pose, len(seen), tuple(enumerate(seen)))
         corrected, laid = advance(self.corrected, stretch, model)
         error, _ = after_stretch(self.error, laid, model)
         return Belief(pose, corrected, error)
 
 
+@dataclass(frozen=True, slots=True)
 class Held:
-    """What is known of an excursion: its model and its first records."""
+    """What is known of an excursion: its model, and its records from the first on."""
 
-    def __init__(self, model: Mapping[str, float]) -> None:
-        self.model = dict(model)
-        self.records: list[JsonRecord] = []
+    model: Mapping[str, float]
+    records: list[JsonRecord] = field(default_factory=list)
+
+    def as_log(self, name: Name) -> dict[str, Any]:
+        """Return it as a log has it, under its robot's and its own name."""
+        head: dict[str, Any] = {"robot": name[0], "excursion": name[1]}
+        return {**head, **({"model": self.model} if self.model else {}), "records": self.records}
 
 
 class Logbook:
-    """Writes down one excursion as it happens, to 0.1 mm and 0.01°, and keeps its belief."""
+    """Writes down one excursion as it happens, to 0.1 mm and 0.01°, and keeps its belief.
+
+    belief : where the robot believes it is; an excursion begins with a pose, which makes it.
+    """
+
+    belief: Belief
 
     def __init__(
         self,
@@ -81,20 +90,12 @@ class Logbook:
         self._model = model
         self._estimator: Estimator = estimator
         self._seen: list[Sighting] = []
-        self._belief: Belief | None = None
-
-    @property
-    def belief(self) -> Belief:
-        """Where the robot believes it is."""
-        if self._belief is None:
-            raise ValueError("an excursion begins with a pose")
-        return self._belief
 
     @property
     def bytes(self) -> int:
         """The memory in use."""
-        relayed = sum(len(held.records) for held in self.relayed.values())
-        return RECORD_BYTES * (len(self.own.records) + relayed)
+        held = [self.own, *self.relayed.values()]
+        return RECORD_BYTES * sum(len(one.records) for one in held)
 
     def pose(
         self,
@@ -109,59 +110,54 @@ class Logbook:
 
         turned : whether a heading that differs is of a turn, or a belief set anew; ir : readings.
         """
-        x, y, heading_deg, t = round(x, 4), round(y, 4), round(heading_deg, 2), round(t, 2)
-        seq = len(self.own.records)
-        pose = Pose(seq, t, x + 0.0, y + 0.0, heading_deg + 0.0, turned=turned)
-        if self._belief is None:
-            self._belief = Belief(pose, Believed((pose.x, pose.y)), at_start(pose, self._estimator))
+        x, y, heading_deg = _metres(x), _metres(y), round(heading_deg, 2) + 0.0
+        pose = Pose(len(self.own.records), round(t, 2), x, y, heading_deg, turned=turned)
+        if self.own.records:
+            self.belief = self.belief.after(pose, tuple(self._seen), self._model)
         else:
-            self._belief = self._belief.after(pose, tuple(self._seen), self._model)
+            self.belief = Belief(pose, Believed((x, y)), at_start(pose, self._estimator))
         self._seen.clear()
         extra = {"turned": turned, "x_ir": ir}
-        extra = {key: value for key, value in extra.items() if value is not None}
-        self._write(pose, "pose", x=pose.x, y=pose.y, heading=pose.heading_deg, **extra)
+        known = {key: value for key, value in extra.items() if value is not None}
+        self._write("pose", t, x=x, y=y, heading=heading_deg, **known)
 
     def wall(self, t: float, x: float, y: float, x2: float, y2: float, followed: bool) -> None:
         """Write down a piece of wall [m]; both ends the same: one reading, or a bump."""
-        x, y, x2, y2 = (round(value, 4) + 0.0 for value in (x, y, x2, y2))
-        wall = Wall(len(self.own.records), round(t, 2), x, y, x2, y2, followed)
-        self._seen.append(wall)
-        self._write(wall, "wall", x=x, y=y, x2=x2, y2=y2, followed=followed)
+        x, y, x2, y2 = map(_metres, (x, y, x2, y2))
+        self._seen.append(Wall(len(self.own.records), round(t, 2), x, y, x2, y2, followed))
+        self._write("wall", t, x=x, y=y, x2=x2, y2=y2, followed=followed)
 
     def corner(self, t: float, x: float, y: float, kind: CornerKind) -> None:
         """Write down a singular point [m]."""
-        x, y = round(x, 4) + 0.0, round(y, 4) + 0.0
-        corner = Corner(len(self.own.records), round(t, 2), x, y, kind)
-        self._seen.append(corner)
-        self._write(corner, "corner", x=x, y=y, corner=kind)
+        self._write("corner", t, x=_metres(x), y=_metres(y), corner=kind)
 
-    def meeting(self, t: float, peer: Name, upto: int | None) -> None:
+    def meeting(self, t: float, peer: Logbook) -> None:
         """Write down that another robot was met, and up to which of its records one has them."""
-        meet = Meet(len(self.own.records), round(t, 2), *peer, upto)
-        fields = {} if upto is None else {"upto": upto}
-        self._write(meet, "meet", peer=peer[0], peer_excursion=peer[1], **fields)
+        held = self.relayed.get(peer.name)
+        upto = {"upto": held.records[-1]["seq"]} if held else {}
+        self._write("meet", t, peer=peer.name[0], peer_excursion=peer.name[1], **upto)
 
-    def _write(self, record: Record, kind: str, **fields: object) -> None:
-        assert not isinstance(record, Beam)
-        self.own.records.append({"seq": record.seq, "kind": kind, "t": record.t, **fields})
+    def _write(self, kind: str, t: float, **fields: object) -> None:
+        seq = len(self.own.records)
+        self.own.records.append({"seq": seq, "kind": kind, "t": round(t, 2), **fields})
 
     def as_log(self) -> dict[str, Any]:
         """Return the log that the robot delivers."""
-        log: dict[str, Any] = {"possmap_log": 1, **_head(self.name, self.own)}
-        carried = [
-            {**_head(name, held), "records": held.records}
-            for name, held in sorted(self.relayed.items())
-            if held.records
-        ]
-        log["records"] = self.own.records
-        if carried:
-            log["carried"] = carried
-        return log
+        log = {"possmap_log": 1, **self.own.as_log(self.name)}
+        carried = [held.as_log(name) for name, held in sorted(self.relayed.items())]
+        return {**log, "carried": carried} if carried else log
+
+    def top_up(self, name: Name, held: Held, most: int) -> int:
+        """Take over what is lacking of an excursion, so many records at most; return how many."""
+        have = len(self.relayed[name].records) if name in self.relayed else 0
+        news = held.records[have : have + most]
+        if news:
+            self.relayed.setdefault(name, Held(held.model)).records.extend(news)
+        return len(news)
 
 
-def _head(name: Name, held: Held) -> dict[str, Any]:
-    head: dict[str, Any] = {"robot": name[0], "excursion": name[1]}
-    return {**head, "model": held.model} if held.model else head
+def _metres(value: float) -> float:
+    return round(value, 4) + 0.0  # -0 is 0
 
 
 def exchange(one: Logbook, other: Logbook, budget_bytes: int, memory_bytes: int) -> tuple[int, int]:
@@ -192,24 +188,6 @@ def _hand_over(giver: Logbook, taker: Logbook, most: int, memory_bytes: int) -> 
     most = min(most, max(0, memory_bytes - taker.bytes) // RECORD_BYTES)
     handed = 0
     for name, held in [(giver.name, giver.own), *sorted(giver.relayed.items())]:
-        if handed == most:
-            break
         if name != taker.name:
-            handed += _top_up(taker.relayed, name, held, most - handed)
+            handed += taker.top_up(name, held, most - handed)
     return handed
-
-
-def _top_up(relayed: dict[Name, Held], name: Name, held: Held, most: int) -> int:
-    known = relayed.get(name)
-    have = len(known.records) if known else 0
-    news = held.records[have : have + most]
-    if news:
-        if known is None:
-            known = relayed[name] = Held(held.model)
-        known.records += news
-    return len(news)
-
-
-def seconds_of(records: int, rate: float) -> float:
-    """Return how long the transfer of so many records takes [s], at a rate in bytes per second."""
-    return records * RECORD_BYTES / rate

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
 from possmap.lab.simulate.body import Place
-from possmap.lab.simulate.logbook import exchange, seconds_of
+from possmap.lab.simulate.logbook import RECORD_BYTES, exchange
 from possmap.lab.simulate.perception import strip_of
 from possmap.lab.simulate.robot import Robot
 from possmap.lab.simulate.settings import MissionSettings
@@ -69,18 +70,11 @@ class Mission:
         self._acting: list[_Acting] = []
         self._rng = np.random.default_rng([settings.seed, 1 << 20])
         for number in range(settings.robots):
-            self._add(number)
-
-    def _add(self, number: int) -> None:
-        index = len(self.robots)
-        robot = Robot(
-            number, self.world, self.settings,
-            lambda place, half_width, reach: self._ahead(index, place, half_width, reach),
-        )  # fmt: skip
-        steps = robot.live()
-        motion = next(steps)
-        self.robots.append(robot)
-        self._acting.append(_Acting(robot, steps, motion, 0.0, motion.seconds))
+            robot = Robot(number, world, settings, partial(self._ahead, number))
+            steps = robot.live()
+            motion = next(steps)
+            self.robots.append(robot)
+            self._acting.append(_Acting(robot, steps, motion, 0.0, motion.seconds))
 
     def __iter__(self) -> Iterator[float]:
         while self._acting:
@@ -92,31 +86,27 @@ class Mission:
                 self._mind_each_other(out)
             elif self._acting:
                 # Nobody to meet: nothing happens before the next motion ends.
-                self._skip_to(min(one.ends for one in self._acting), len(out))
+                next_end = min(one.ends for one in self._acting)
+                ticks = max(0, math.floor((next_end - self.time) / TICK_S))
+                self.time += ticks * TICK_S
+                self.steps += ticks * len(out)
             yield self.time
-
-    def _skip_to(self, time: float, robots: int) -> None:
-        ticks = math.floor((time - self.time) / TICK_S)
-        if ticks > 0:
-            self.time += ticks * TICK_S
-            self.steps += ticks * robots
 
     def _act(self) -> None:
         """Let every robot whose motion has ended decide on its next one."""
         for one in list(self._acting):
             while one.ends <= self.time:
-                if not self._go_on(one, Done(one.ends)):
-                    break
+                self._go_on(one, Done(one.ends))
 
-    def _go_on(self, one: _Acting, done: Done) -> bool:
-        """Tell a robot how its motion ended; return whether it goes on at all."""
+    def _go_on(self, one: _Acting, done: Done) -> None:
+        """Tell a robot how its motion ended, and let it decide on the next, if any."""
         try:
-            motion = one.steps.send(done)
+            one.motion = one.steps.send(done)
         except StopIteration:
             self._acting.remove(one)
-            return False
-        one.motion, one.started, one.ends = motion, done.time, done.time + motion.seconds
-        return True
+            one.ends = math.inf
+        else:
+            one.started, one.ends = done.time, done.time + one.motion.seconds
 
     def _stop(self, one: _Acting, hold: float) -> None:
         """Make a robot stand still from now on; a run is cut short, anything else takes longer."""
@@ -145,8 +135,6 @@ class Mission:
 
     def _near(self, one: _Acting, other: _Acting, at: Place, to: Place) -> None:
         distance = math.hypot(to.x - at.x, to.y - at.y)
-        if distance > max(GIVE_WAY_M, self.settings.radio_range):
-            return
         if not (one.robot.is_out and other.robot.is_out):
             return
         name = other.robot.name
@@ -190,13 +178,11 @@ class Mission:
         # Both first write down where they are: only finished records are handed over.
         for acting in (one, other):
             self._stop(acting, 0.0)
-        books = one.robot.steering.log(), other.robot.steering.log()
+        books = one.robot.steering.book, other.robot.steering.book
         given, taken = exchange(*books, budget, settings.memory_bytes)
         for book, peer in (books, books[::-1]):
-            held = book.relayed.get(peer.name)
-            upto = held.records[-1]["seq"] if held and held.records else None
-            book.meeting(self.time, peer.name, upto)
-        hold = seconds_of(given + taken, settings.radio_rate)
+            book.meeting(self.time, peer)
+        hold = (given + taken) * RECORD_BYTES / settings.radio_rate
         for acting in (one, other):
             acting.silent_until = self.time + hold + settings.radio_rest
             if acting in self._acting:
@@ -207,8 +193,8 @@ class Mission:
 
     def _give_way(self, one: _Acting, other: _Acting, at: Place, to: Place) -> None:
         """Right before left: who receives the other's emitter, 0 to 90° to its left, yields."""
-        one_yields = _in_emitter(to, at) and _is_ahead(at, to)
-        other_yields = _in_emitter(at, to) and _is_ahead(to, at)
+        one_yields = 0 <= _bearing(to, at) <= math.pi / 2 and _is_ahead(at, to)
+        other_yields = 0 <= _bearing(at, to) <= math.pi / 2 and _is_ahead(to, at)
         if not (one_yields or other_yields):
             one_yields, other_yields = _is_ahead(at, to), _is_ahead(to, at)
         for yields, acting in ((one_yields, one), (other_yields, other)):
@@ -216,16 +202,14 @@ class Mission:
                 # Head-on both yield, for times of their own, so that one goes first.
                 self._stop(acting, float(self._rng.uniform(0.5, 3.0)))
 
-    def _ahead(self, index: int, place: Place, half_width: float, reach: float) -> float | None:
+    def _ahead(self, number: int, place: Place, half_width: float, reach: float) -> float | None:
         """Return how far ahead of a robot another one's body is [m]."""
-        nearest: float | None = None
-        for acting in self._acting:
-            if acting.robot.number == index or not acting.robot.is_out:
-                continue
-            distance = _ahead_of(place, acting.place(self.time), half_width)
-            if distance is not None and distance < reach:
-                nearest = distance if nearest is None else min(nearest, distance)
-        return nearest
+        found = (
+            _ahead_of(place, acting.place(self.time), half_width)
+            for acting in self._acting
+            if acting.robot.number != number and acting.robot.is_out
+        )
+        return min((one for one in found if one is not None and one < reach), default=None)
 
 
 def _ahead_of(at: Place, to: Place, half_width: float) -> float | None:
@@ -241,10 +225,6 @@ def _ahead_of(at: Place, to: Place, half_width: float) -> float | None:
 def _bearing(at: Place, to: Place) -> float:
     """Return where ``to`` lies, seen from ``at``, left positive [rad]."""
     return math.remainder(math.atan2(to.y - at.y, to.x - at.x) - at.heading, 2 * math.pi)
-
-
-def _in_emitter(emitter: Place, receiver: Place) -> bool:
-    return 0 <= _bearing(emitter, receiver) <= math.pi / 2
 
 
 def _is_ahead(at: Place, to: Place) -> bool:

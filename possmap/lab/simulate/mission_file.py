@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -9,36 +10,40 @@ from pathlib import Path
 import yaml
 
 from possmap.errors import SettingsError, did_you_mean, printable, shown
-from possmap.lab.simulate.reachable import check_home
 from possmap.lab.simulate.settings import MissionSettings
 from possmap.lab.simulate.world import World
-from possmap.lab.simulate.worlds import Draft, read_world
+from possmap.lab.simulate.world_file import read_world
 from possmap.settings.binder import bind
-from possmap.settings.yaml_file import members, parse_yaml, read_yaml
+from possmap.settings.yaml_file import members, parse_yaml, required_yaml
 
-SETTINGS = tuple(field.name for field in fields(MissionSettings))
-WORLD = "world"
-OF_WORLD = ("home", "resolution", "origin", "size", "seed")
-"""What of a world the command line may say, as ``world.home``."""
+ON_THE_COMMAND_LINE = (
+    *(field.name for field in fields(MissionSettings)),
+    *(f"world.{key}" for key in ("home", "resolution", "origin", "size", "seed")),
+)
 _OPTION = "--set"
+ENOUGH = 2.0
+"""Floor that a robot must reach from home [m2]; less is a cupboard."""
+SHARE, MOST = 0.05, 20.0
+"""So much of what the walls span it must reach too, or so much floor [m2]: a closed room is a world
+of its own, but not within a building."""
 
 
 @dataclass(frozen=True, slots=True)
-class Mission:
+class MissionPlan:
     """What a mission file says."""
 
     world: World
     settings: MissionSettings
 
 
-def read_mission(path: Path, overrides: Mapping[str, str]) -> Mission:
+def read_mission(path: Path, overrides: Mapping[str, str]) -> MissionPlan:
     """Read a mission file.
 
     Parameters
     ----------
     overrides
-        Values from the command line, which win, as text: each is named by a field of
-        MissionSettings or ``world.`` and one of OF_WORLD; a list may do without brackets.
+        Values from the command line, which win, as text, each named as in ON_THE_COMMAND_LINE;
+        a list may do without brackets.
 
     Raises
     ------
@@ -46,45 +51,38 @@ def read_mission(path: Path, overrides: Mapping[str, str]) -> Mission:
         ``file:line: key, value found, what was expected``.
     """
     name = printable(str(path))
-    root = read_yaml(path, "a mission")
-    if root is None:
-        raise SettingsError(f"{name}: is empty, expected a mission with a world")
-    given = {key: node for key, node, _ in members(root, "expected the keys of a mission")}
-    if WORLD not in given:
+    root = required_yaml(path, "a mission with a world")
+    world = {key: node for key, node, _ in members(root, "expected keys of a mission")}.get("world")
+    if world is None:
         raise SettingsError(f"{name}: world is missing, expected where the robots are")
-    known = (*SETTINGS, *(f"{WORLD}.{key}" for key in OF_WORLD))
-    for key in overrides:
-        if key not in known:
-            guess = did_you_mean(key, known) or "; docs/simulate.md lists the known ones"
+    for key, text in overrides.items():
+        if key not in ON_THE_COMMAND_LINE:
+            guess = did_you_mean(key, ON_THE_COMMAND_LINE) or "; docs/simulate.md lists all"
             raise SettingsError(f"{_OPTION}: unknown key {shown(key)}{guess}")
-    world = _with(given[WORLD], overrides, f"{WORLD}.")
-    settings = bind(_with(_without(root, WORLD), overrides, ""), MissionSettings)
-    return Mission(_checked(read_world(world, path.parent), path, settings), settings)
-
-
-def _without(root: yaml.Node, key: str) -> yaml.Node:
-    pairs = [(name, value) for name, value in root.value if name.value != key]
-    return yaml.MappingNode(root.tag, pairs, root.start_mark)
-
-
-def _with(node: yaml.Node, overrides: Mapping[str, str], prefix: str) -> yaml.Node:
-    """Return a mapping in which what the command line says replaces what the file does."""
-    own = {
-        key.removeprefix(prefix): text
-        for key, text in overrides.items()
-        if key.startswith(prefix) and "." not in key.removeprefix(prefix)
-    }
-    if not own or not isinstance(node, yaml.MappingNode):
-        return node
-    kept = [(name, value) for name, value in node.value if name.value not in own]
-    added = [_pair(prefix + key, key, text) for key, text in own.items()]
-    return yaml.MappingNode(node.tag, [*kept, *added], node.start_mark)
+        mapping = world if key.startswith("world.") else root
+        if isinstance(mapping, yaml.MappingNode):
+            own = key.removeprefix("world.")
+            kept = [pair for pair in mapping.value if pair[0].value != own]
+            mapping.value = [*kept, _pair(key, own, text)]
+    root.value = [pair for pair in root.value if pair[0].value != "world"]
+    settings = bind(root, MissionSettings)
+    draft = read_world(world, path.parent)
+    if draft.home is None:
+        raise SettingsError(f"{name}: world.home is missing, expected [x, y]")
+    true_world = World(path.stem, draft.walls, draft.drops, draft.home)
+    x, y = draft.home
+    problem = (
+        "inside a wall or an obstacle, expected free floor"
+        if draft.solid(x, y)
+        else wrong_with_home(true_world, settings.length, settings.width)
+    )
+    if problem:
+        raise SettingsError(f"{draft.home_at}: world.home, found [{x:g}, {y:g}], {problem}")
+    return MissionPlan(true_world, settings)
 
 
 def _pair(flag: str, key: str, text: str) -> tuple[yaml.Node, yaml.Node]:
     """Return what stands behind ``--set flag=`` as a key and its value."""
-    if not text:
-        raise SettingsError(f"{_OPTION}: {flag}, found nothing, expected a value")
     listed = f"[{text}]" if "," in text and not text.lstrip().startswith("[") else text
     node = parse_yaml(listed, f"{_OPTION} {flag}")
     if node is None:
@@ -92,18 +90,29 @@ def _pair(flag: str, key: str, text: str) -> tuple[yaml.Node, yaml.Node]:
     return yaml.ScalarNode("tag:yaml.org,2002:str", key, node.start_mark), node
 
 
-def _checked(draft: Draft, path: Path, settings: MissionSettings) -> World:
-    """Return the finished world, with a home from which robots can set out."""
-    if draft.home is None:
-        raise SettingsError(f"{printable(str(path))}: world.home is missing, expected [x, y]")
-    x, y = draft.home
-    world = World(path.stem, draft.walls, draft.drops, draft.home)
-    try:
-        if draft.solid(x, y):
-            raise ValueError(
-                f"home, found [{x:g}, {y:g}], inside a wall or an obstacle, expected free floor"
-            )
-        check_home(world, settings.length, settings.width)
-    except ValueError as error:
-        raise SettingsError(f"{draft.home_at}: world.{error}") from None
-    return world
+def wrong_with_home(world: World, length: float, width: float) -> str:
+    """Return why a robot cannot set out from home, and what was expected; nothing if it can.
+
+    length, width : of its body [m].
+    """
+    x, y = world.home
+    low_x, low_y, high_x, high_y = world.bounds
+    if not (low_x <= x <= high_x and low_y <= y <= high_y):
+        return (
+            f"outside the walls, expected within x {low_x:g} to {high_x:g} and "
+            f"y {low_y:g} to {high_y:g}"
+        )
+    half, apart = math.hypot(length, width) / 2, world.clearance(x, y)
+    if apart < half:
+        return f"{apart:.2f} m from a wall, expected at least {half:.2f} m, half the robot"
+    for x0, y0, x1, y1 in world.drops.tolist():
+        if x0 - half < x < x1 + half and y0 - half < y < y1 + half:
+            return f"at the drop [{x0:g}, {y0:g}, {x1:g}, {y1:g}], expected {half:.2f} m off"
+    enough = max(ENOUGH, min(MOST, SHARE * (high_x - low_x) * (high_y - low_y)))
+    area = world.reachable(width, enough)
+    if area < enough - 0.005:  # half a step of the robot that tries
+        return (
+            f"where walls enclose a robot {width:g} m wide: it reaches {area:.1f} m2, "
+            f"expected {enough:.3g} m2 or more"
+        )
+    return ""

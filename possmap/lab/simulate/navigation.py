@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 
 import numpy as np
 
-from possmap.lab.simulate.perception import Perception
 from possmap.lab.simulate.settings import MissionSettings
 from possmap.lab.simulate.steering import Done, Motion, Steering, Steps
 
@@ -30,14 +29,8 @@ class Lost(Exception):
 class Navigation:
     """Decides; steering executes. Turns are ±45° or ±90°, but for the way home.
 
-    Parameters
-    ----------
-    behaviour
-        Temper and side: how often it turns at random, and where to at an obstacle.
-    must_return
-        Whether error, battery, memory or the mission's end ask it to turn home.
-    battery_left
-        Seconds of driving left.
+    behaviour : temper and side: how often it turns at random, and where to at an obstacle.
+    set_out_at : when the excursion began [s].
     """
 
     def __init__(
@@ -45,20 +38,16 @@ class Navigation:
         settings: MissionSettings,
         behaviour: str,
         steering: Steering,
-        perception: Perception,
         rng: np.random.Generator,
-        must_return: Callable[[], bool],
-        battery_left: Callable[[], float],
     ) -> None:
         temper, _, side = behaviour.partition("-")
         self._rate: float = getattr(settings, temper)
         self._left: float = getattr(settings, side)
         self._settings = settings
         self._steering = steering
-        self._perception = perception
+        self._perception = steering.perception
         self._rng = rng
-        self._must_return = must_return
-        self._battery_left = battery_left
+        self.set_out_at = 0.0
 
     def explore(self) -> Steps:
         """Roam, and follow walls, until something asks to turn home."""
@@ -76,6 +65,18 @@ class Navigation:
             if moved and moved % 8 == 0:
                 wall_side = 0
                 yield from self._steering.turn(float(self._rng.choice([-90, 90])))
+
+    def _must_return(self) -> bool:
+        settings, steering = self._settings, self._steering
+        return (
+            steering.book.belief.worst >= settings.max_error
+            or self._battery_left() < 30 * settings.battery_minutes
+            or steering.book.bytes > 0.9 * settings.memory_bytes
+            or steering.time >= 60 * settings.minutes
+        )
+
+    def _battery_left(self) -> float:
+        return 60 * self._settings.battery_minutes - (self._steering.time - self.set_out_at)
 
     def _check_battery(self) -> None:
         if self._battery_left() <= 0:
@@ -95,20 +96,21 @@ class Navigation:
             yield from steering.run(way.distance)
             if steering.was_stopped:
                 return 0
-        if steering.bumped:
+        if steering.bumped or way.stop not in ("free", "wall"):
             yield from steering.turn(90.0 * self._side())
             return 0
         if way.stop == "free":
             if turn_at <= LONGEST_RUN_M:
                 yield from steering.turn(float(self._rng.choice([-90, -45, 45, 90])))
             return 0
-        if way.stop != "wall":
-            yield from steering.turn(90.0 * self._side())
-            return 0
-        reading = self._perception.front(steering.body.place)
-        if reading is not None:
-            steering.note_ahead(reading, None)
+        self._note_ahead(None)
         return (yield from self._turn_along(way.horizontal, self._side()))
+
+    def _note_ahead(self, beside: float | None) -> None:
+        """Write down the wall ahead if the front sensor sees it."""
+        reading = self._perception.front(self._steering.body.place)
+        if reading is not None:
+            self._steering.note_ahead(reading, beside)
 
     def _side(self) -> int:
         """Return which way to turn at an obstacle: +1 left with the probability P4, else -1."""
@@ -118,14 +120,12 @@ class Navigation:
         """Turn until parallel to the wall ahead, and line up; return the side of that wall."""
         heading = self._steering.body.place.heading
         first = 0.0 if horizontal else math.pi / 2
-        ways = [first, first + math.pi]
-        turns = [((way - heading) * turn_side) % (2 * math.pi) for way in ways]
-        angle, way = min(zip(turns, ways, strict=True))
-        quarters = round(math.degrees(angle) / 45)
-        while quarters > 0:
-            step = min(quarters, 2)
-            yield from self._steering.turn(45.0 * step * turn_side)
-            quarters -= step
+        ways = (first, first + math.pi)
+        angle, way = min((((way - heading) * turn_side) % (2 * math.pi), way) for way in ways)
+        eighths = round(math.degrees(angle) / 45)
+        while eighths > 0:
+            yield from self._steering.turn(45.0 * min(eighths, 2) * turn_side)
+            eighths -= 2
         yield from self._steering.line_up(way)
         return -turn_side
 
@@ -152,9 +152,7 @@ class Navigation:
             if steering.was_stopped:
                 return side
         if way.stop == "wall":
-            reading = perception.front(steering.body.place)
-            if reading is not None:
-                steering.note_ahead(reading, (self._settings.length / 2 + reading, side * beside))
+            self._note_ahead(side * beside)
             return (yield from self._turn_along(way.horizontal, -side))
         if way.stop == "free" and turn_at > LONGEST_RUN_M:
             return side
@@ -202,7 +200,7 @@ class Navigation:
         steering, perception = self._steering, self._perception
         for _ in range(TRIES):
             self._check_battery()
-            belief = steering.log().belief
+            belief = steering.book.belief
             x, y = belief.corrected.place
             dx, dy = target[0] - x, target[1] - y
             distance = math.hypot(dx, dy)
@@ -232,13 +230,10 @@ class Navigation:
     def _along_obstacle(self, horizontal: bool, dx: float, dy: float) -> Steps:
         """Follow what is in the way for a while, to the side where the target lies."""
         steering, perception = self._steering, self._perception
-        if horizontal:
-            way = 0.0 if dx >= 0 else math.pi
-        else:
-            way = math.pi / 2 if dy >= 0 else -math.pi / 2
+        way = math.atan2(0.0, dx) if horizontal else math.copysign(math.pi / 2, dy)
         turn = math.remainder(way - steering.body.place.heading, 2 * math.pi)
-        yield from self._turn_along(horizontal, 1 if turn > 0 else -1)
         side = -1 if turn > 0 else 1
+        yield from self._turn_along(horizontal, -side)
         free = perception.way_ahead(steering.body.place, 1.2).distance
         lasts = perception.wall_lasts(steering.body.place, side, free) if free > 0 else 0.0
         clear = self._settings.length / 2 + 2 * self._settings.gap
@@ -255,10 +250,7 @@ def way_back(trail: list[tuple[float, float]]) -> list[tuple[float, float]]:
     index = len(trail) - 1
     while index > 0:
         x, y = trail[index]
-        near = next(
-            k for k in range(index + 1)
-            if math.hypot(trail[k][0] - x, trail[k][1] - y) < SHORTCUT_M or k == index
-        )  # fmt: skip
-        index = near if near < index else index - 1
+        near = next(k for k, (a, b) in enumerate(trail) if math.hypot(a - x, b - y) < SHORTCUT_M)
+        index = min(near, index - 1)
         places.append(trail[index])
     return places

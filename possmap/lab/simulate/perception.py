@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -53,13 +52,11 @@ class Way(NamedTuple):
     across: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Sighting:
+class Piece(NamedTuple):
     """A piece of wall seen to one side during a run, in the frame of the run's start.
 
     side : +1 left, -1 right.
     x, y, x2, y2 : from where to where [m].
-    distance : of the nearest reading from the middle of the robot [m].
     ended : the true place and kind of its end, if it ended while the robot ran on.
     """
 
@@ -68,7 +65,6 @@ class Sighting:
     y: float
     x2: float
     y2: float
-    distance: float
     ended: tuple[float, float, CornerKind] | None
 
 
@@ -84,8 +80,7 @@ class Perception:
         self._others = others
 
     def _noise(self, shape: tuple[int, ...] = ()) -> Floats:
-        noise: Floats = np.asarray(self._settings.ir_noise * self._rng.standard_normal(shape))
-        return noise
+        return np.asarray(self._settings.ir_noise * self._rng.standard_normal(shape))
 
     def way_ahead(self, place: Place, reach: float) -> Way:
         """Return how far the body can go, at most ``reach`` [m], and what stops it.
@@ -98,7 +93,7 @@ class Perception:
         stop = nose + settings.gap
         strip = strip_of(settings)
         way = Way(reach, "free")
-        ahead = self._world.ahead(place.x, place.y, place.heading, strip, reach + stop)
+        ahead = self._world.ahead(*place, strip, reach + stop)
         if ahead is not None:
             short = max(0.0, ahead.distance - stop)
             if self._is_seen(ahead, place.moved(short), strip):
@@ -106,7 +101,7 @@ class Perception:
                     way = Way(short, "wall", ahead.horizontal)
             elif (contact := max(0.0, ahead.distance - nose)) < way.distance:
                 way = Way(contact, "bump", ahead.horizontal, ahead.across)
-        drop = self._world.drop_ahead(place.x, place.y, place.heading, reach + nose)
+        drop = self._world.drop_ahead(*place, reach + nose)
         if drop is not None and drop - nose - 0.05 < way.distance:
             way = Way(max(0.0, drop - nose - 0.05), "drop")
         other = self._others(place, strip, reach + stop)
@@ -117,97 +112,92 @@ class Perception:
     def _is_seen(self, ahead: Ahead, stop: Place, strip: float) -> bool:
         """Whether the sensors ahead see a wall from where the robot should stop before it."""
         near = self._settings.length / 2 + self._settings.gap + strip + SEEN_M
-        straight = self._world.ahead(stop.x, stop.y, stop.heading, 0.0, near)
-        if straight is not None:
+        if self._world.ahead(*stop, 0.0, near) is not None:
             return True
-        for side in (1, -1):
-            aside = stop.heading + side * math.pi / 4
-            found = self._world.ahead(stop.x, stop.y, aside, 0.0, near * math.sqrt(2))
-            if found is not None and found.wall == ahead.wall:
-                return True
-        return False
+        aside = (
+            self._world.ahead(*stop.turned(side * math.pi / 4), 0.0, near * math.sqrt(2))
+            for side in (1, -1)
+        )
+        return any(found is not None and found.wall == ahead.wall for found in aside)
 
     def front(self, place: Place) -> float | None:
         """Return the reading of the front sensor from the nose [m]; None beyond its range."""
         nose = self._settings.length / 2
-        reach = self._settings.ir_range + nose
-        ahead = self._world.ahead(place.x, place.y, place.heading, 0.0, reach)
+        ahead = self._world.ahead(*place, 0.0, self._settings.ir_range + nose)
         if ahead is None:
             return None
         return max(0.0, ahead.distance - nose + float(self._noise()))
 
-    def side(self, place: Place, side: int, reach: float | None = None) -> float | None:
+    @property
+    def _side_reach(self) -> float:
+        return self._settings.width / 2 + self._settings.ir_range
+
+    def side(self, place: Place, side: int) -> float | None:
         """Return how far a wall is to one side, from the middle of the robot [m]; None beyond."""
-        reach = reach or self._settings.width / 2 + self._settings.ir_range
-        direction = place.heading + side * math.pi / 2
-        at = np.array([place.x]), np.array([place.y])
-        distance = float(self._world.side_distances(*at, direction, reach)[0])
+        distance = self._ray(place.turned(side * math.pi / 2), self._side_reach)
         return distance + float(self._noise()) if math.isfinite(distance) else None
 
     def five(self, place: Place) -> list[float]:
-        """Return all five readings from the body's edge [m], front first, then left, then right."""
+        """Return all five readings [m]: front, front left, front right, left and right."""
         reach = self._settings.ir_range + self._settings.length / 2
-        readings: list[float] = []
-        for degrees in (0, 45, -45, 90, -90):
-            direction = place.heading + math.radians(degrees)
-            at = np.array([place.x]), np.array([place.y])
-            found = float(self._world.side_distances(*at, direction, reach)[0])
-            readings.append(round(min(found, reach) + float(self._noise()), 4))
-        return readings
+        rays = (place.turned(math.radians(degrees)) for degrees in (0, 45, -45, 90, -90))
+        return [round(min(self._ray(ray, reach), reach) + float(self._noise()), 4) for ray in rays]
+
+    def _ray(self, ray: Place, reach: float) -> float:
+        """Return the distance from the middle of the robot to the first wall in a direction [m]."""
+        at = np.array([ray.x]), np.array([ray.y])
+        return float(self._world.side_distances(*at, ray.heading, reach)[0])
+
+    def _distances(self, start: Place, along: Floats, side: int) -> Floats:
+        """Return the distance to the walls at one side, from places along a run [m]."""
+        x, y = start.at(along, 0.0)
+        return self._world.side_distances(
+            x, y, start.heading + side * math.pi / 2, self._side_reach
+        )
 
     def wall_lasts(self, place: Place, side: int, distance: float) -> float:
         """Return how far ahead the wall at one side goes on, at most ``distance`` [m]."""
         along = np.linspace(0.0, distance, max(2, math.ceil(distance / 0.05) + 1))
-        cos, sin = math.cos(place.heading), math.sin(place.heading)
-        reach = self._settings.width / 2 + self._settings.ir_range
-        found = self._world.side_distances(
-            place.x + along * cos, place.y + along * sin, place.heading + side * math.pi / 2, reach
-        )
+        found = self._distances(place, along, side)
         gone = np.flatnonzero(~(found <= found[0] + JUMP_M))
         return float(along[gone[0]]) if gone.size else distance
 
-    def beside(self, start: Place, distance: float) -> Iterator[Sighting]:
+    def beside(self, start: Place, distance: float) -> Iterator[Piece]:
         """Yield the pieces of wall that pass by on both sides of a straight run.
 
         start : the true place and direction of the run; distance [m].
         """
         count = max(2, math.ceil(distance / SAMPLE_M) + 1)
         along = np.linspace(0.0, distance, count)
-        cos, sin = math.cos(start.heading), math.sin(start.heading)
-        x, y = start.x + along * cos, start.y + along * sin
-        reach = self._settings.width / 2 + self._settings.ir_range
         for side in (1, -1):
-            direction = start.heading + side * math.pi / 2
-            true = self._world.side_distances(x, y, direction, reach)
+            true = self._distances(start, along, side)
             seen = true + self._noise((count,))
             for first, last in _pieces(true):
-                yield self._sighting(start, side, along, true, seen, first, last, reach)
+                yield self._sighting(start, side, along, true, seen, first, last)
 
     def _sighting(
-        self, start: Place, side: int, along: Floats, true: Floats, seen: Floats,
-        first: int, last: int, reach: float,
-    ) -> Sighting:  # fmt: skip
+        self,
+        start: Place,
+        side: int,
+        along: Floats,
+        true: Floats,
+        seen: Floats,
+        first: int,
+        last: int,
+    ) -> Piece:
         """Fit a straight piece to consecutive readings."""
         at, to = along[first : last + 1], seen[first : last + 1]
-        if len(at) > 1:
-            slope, offset = np.polyfit(at, to, 1)
-        else:
-            slope, offset = 0.0, float(to[0])
+        slope, offset = np.polyfit(at, to, 1) if len(at) > 1 else (0.0, to[0])
         near, far = float(at[0]), float(at[-1])
         ended: tuple[float, float, CornerKind] | None = None
         on = _expected(true, first, last + 1)
         goes_on = last == first or last + 1 == len(along) or float(true[last + 1]) <= on + BEND_M
         # One that only leads out of the sensor's range has not ended either.
-        if not goes_on and on <= reach:
-            end_x, end_y = start.at(far, side * float(true[last]))
-            ended = (far, side * float(to[-1]), self._world.corner_kind(end_x, end_y))
-        return Sighting(
-            side,
-            near, side * float(offset + slope * near),
-            far, side * float(offset + slope * far),
-            float(to.min()),
-            ended,
-        )  # fmt: skip
+        if not goes_on and on <= self._side_reach:
+            kind = self._world.corner_kind(*start.at(far, side * float(true[last])))
+            ended = (far, side * float(to[-1]), kind)
+        y, y2 = (side * float(offset + slope * x) for x in (near, far))
+        return Piece(side, near, y, far, y2, ended)
 
 
 def _expected(distances: Floats, first: int, k: int) -> float:

@@ -14,10 +14,10 @@ from PIL import Image
 
 from possmap.atomic import check_output, replacing
 from possmap.core.lattice import Lattice
-from possmap.errors import OutputError, plural, printable, shown
+from possmap.errors import OutputError, plural, printable
 from possmap.lab.simulate.mission import Mission
 from possmap.lab.simulate.mission_file import read_mission
-from possmap.lab.simulate.summary import Summary, host_knows, in_order, summarise
+from possmap.lab.simulate.summary import Summary, in_order, summarise
 from possmap.pictures import overlays, palettes, raster
 from possmap.pictures.frame import Panel, framed
 from possmap.pictures.legend import Entry, Group
@@ -62,8 +62,9 @@ def simulate(
         raise OutputError(f"{name}: is no folder, expected one to be made")
     if folder.exists() and any(folder.iterdir()) and not overwrite:
         raise OutputError(f"{name}: holds something already; --overwrite replaces it")
-    if picture is not None:
-        _check_picture(picture, folder, overwrite)
+    # A picture beside the logs has no folder yet.
+    if picture is not None and picture.resolve().parent != folder.resolve():
+        check_output(picture, overwrite)
     plan = read_mission(path, overrides)
     mission = Mission(plan.world, plan.settings)
     for time in mission:
@@ -72,20 +73,9 @@ def simulate(
     summary = summarise(mission)
     _write(folder, name, mission, summary)
     if picture is not None:
-        image = draw(mission)
         with replacing(picture, overwrite) as stream:
-            write_png(image, stream, {"Software": f"possmap {version()}"})
+            write_png(draw(mission, summary), stream, {"Software": f"possmap {version()}"})
     return summary
-
-
-def _check_picture(picture: Path, folder: Path, overwrite: bool) -> None:
-    """Refuse a picture before the drive rather than after it."""
-    if picture.suffix.lower() != ".png":
-        raise OutputError(
-            f"{printable(str(picture))}: unknown suffix {shown(picture.suffix)}, expected .png"
-        )
-    if picture.resolve().parent != folder.resolve():  # which is yet to be made
-        check_output(picture, overwrite)
 
 
 def _write(folder: Path, name: str, mission: Mission, summary: Summary) -> None:
@@ -100,7 +90,7 @@ def _write(folder: Path, name: str, mission: Mission, summary: Summary) -> None:
                 text = log_text(one.book.as_log())
                 (beside / "logs" / f"{number:03d}-{one.excursion}.json").write_text(text)
             (beside / "truth.json").write_text(json.dumps(truth(mission)) + "\n")
-            (beside / "summary.json").write_text(json.dumps(as_json(summary), indent=1) + "\n")
+            (beside / "summary.json").write_text(json.dumps(asdict(summary), indent=1) + "\n")
             _take_place(beside, folder)
         finally:
             shutil.rmtree(beside, ignore_errors=True)
@@ -140,53 +130,40 @@ def truth(mission: Mission) -> dict[str, Any]:
         "possmap_truth": 1,
         "walls": mission.world.walls.tolist(),
         "home": list(mission.world.home),
-        "robots": [entry for robot in mission.robots for entry in robot.as_truth()],
+        "robots": [one.as_truth() for robot in mission.robots for one in robot.excursions],
         "meetings": [
             [one.time, one.robot, one.peer, one.given, one.taken] for one in mission.meetings
         ],
     }
 
 
-def as_json(summary: Summary) -> dict[str, Any]:
-    """Return a summary as JSON holds it."""
-    return {
-        "excursions": [asdict(outing) for outing in summary.outings],
-        "home": summary.home,
-        "lost": len(summary.outings) - summary.home,
-        "meetings": summary.meetings,
-        "records_known_of_lost": summary.relayed,
-        "explored": round(summary.explored, 4),
-    }
-
-
-def draw(mission: Mission) -> Image.Image:
+def draw(mission: Mission, summary: Summary) -> Image.Image:
     """Return a picture of the world, the true tracks and where robots met."""
     x0, y0, x1, y1 = mission.world.bounds
     window = Lattice(_PICTURE_RESOLUTION).window_of(x0, y0, x1, y1)
     chosen = raster.furnished_raster(window, False, None, None)
     image = Image.new("RGB", chosen.size, palettes.UNKNOWN)
+    tracks = {
+        robot.name: [[(row[1], row[2]) for row in one.track] for one in robot.excursions]
+        for robot in mission.robots
+    }
     drawn = Overlays(
         points=[(place, 1.0) for place in _meeting_places(mission)],
         homes=[mission.world.home],
-        tracks=[
-            (robot.name, [[(row[1], row[2]) for row in one.track] for one in robot.excursions])
-            for robot in mission.robots
-        ],
+        tracks=list(tracks.items()),
         truth=[tuple(wall) for wall in mission.world.walls.tolist()],
     )
     overlays.paint(image, drawn, chosen, _PICTURE_RESOLUTION)
-    ended = in_order(mission)
-    home = sum(one.fate == "home" for one in ended)
     entries = [
         Entry("line", palettes.TRUTH, "wall"),
         Entry("home", palettes.INK, "home"),
         Entry("point", palettes.POINT, "meeting"),
         *(Entry("line", colour, f"true track of {r}") for r, colour in drawn.robot_colours()),
     ]
-    known = sum(host_knows(ended).values())
+    known = sum(outing.known for outing in summary.excursions)
     subtitle = (
-        f"{plural(len(ended), 'excursion')}, {home} home; "
-        f"{plural(len(mission.meetings), 'meeting')}; the host knows {plural(known, 'record')}"
+        f"{plural(len(summary.excursions), 'excursion')}, {summary.home} home; "
+        f"{plural(summary.meetings, 'meeting')}; the host knows {plural(known, 'record')}"
     )
     panel = Panel(image, chosen)
     return framed([panel], [Group(entries)], mission.world.name, subtitle, _PICTURE_RESOLUTION)

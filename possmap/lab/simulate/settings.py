@@ -6,7 +6,7 @@ Names are flat, as in a mission file (docs/simulate.md); METHOD §5 says what th
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias, get_args
 
 from possmap.core.ranges import Count, NotNegative, Positive, Share, whole
 
@@ -29,96 +29,58 @@ class MissionSettings:
     """Everything about a mission but its world; each field is a key of the mission file."""
 
     # The team
-    robots: Annotated[int, whole(1, MOST_ROBOTS)] = 3
-    """How many."""
-    seed: Annotated[int, whole(0)] = 1
-    """Of all random numbers."""
-    minutes: Positive = 20.0
-    """How long the mission lasts [min]."""
-    behaviours: Annotated[tuple[Behaviour, ...], _some] = (
-        "anxious-left", "normal-right", "routine-left",
-        "anxious-right", "normal-left", "routine-right",
-    )  # fmt: skip
-    """One for each robot, again from the first if there are more robots."""
-    anxious: NotNegative = 0.67
-    """Random turns per metre, P1 > P2 > P3 [1/m]."""
-    normal: NotNegative = 0.25
-    """[1/m]."""
-    routine: NotNegative = 0.10
-    """[1/m]."""
-    left: Share = 0.7
-    """P4, the probability of turning left at an obstacle, of those that tend left."""
-    right: Share = 0.3
-    """The same of those that tend right."""
+    robots: Annotated[int, whole(1, MOST_ROBOTS), "how many"] = 3
+    seed: Annotated[int, whole(0), "of all random numbers"] = 1
+    minutes: Annotated[Positive, "how long the mission lasts [min]"] = 20.0
+    behaviours: Annotated[tuple[Behaviour, ...], _some, "dealt out in turn"] = get_args(Behaviour)
+    anxious: Annotated[NotNegative, "random turns per metre, P1 > P2 > P3 [1/m]"] = 0.67
+    normal: Annotated[NotNegative, "[1/m]"] = 0.25
+    routine: Annotated[NotNegative, "[1/m]"] = 0.10
+    left: Annotated[Share, "P4 of those that tend left: probability of a left turn at a wall"] = 0.7
+    right: Annotated[Share, "the same of those that tend right"] = 0.3
 
     # The robot
-    length: Positive = 0.21
-    """Of the body [m]."""
-    width: Positive = 0.15
-    """Of the body [m]."""
-    speed: Positive = 0.6
-    """[m/s]."""
-    turn_rate: Positive = 90.0
-    """[deg/s]."""
-    ir_range: Positive = 0.5
-    """Of the five proximity sensors [m]."""
-    ir_noise: NotNegative = 0.005
-    """Standard deviation of a reading [m]."""
-    gap: NotNegative = 0.12
-    """Between the body and a wall that it follows [m]."""
-    odometry_step: Positive = 0.002
-    """What the wheels count in [m]."""
-    battery_minutes: Positive = 30.0
-    """[min]."""
-    memory_bytes: Count = 1_000_000
-    """For records, own and relayed."""
-    max_error: Positive = 1.0
-    """Half-width of its own error estimate at which a robot turns home [m]."""
-    reach: Positive = 2.0
-    """How near to home it must truly end to be collected [m]."""
-    rest_minutes: NotNegative = 1.0
-    """At home between two excursions [min]."""
+    length: Annotated[Positive, "of the body [m]"] = 0.21
+    width: Annotated[Positive, "of the body [m]"] = 0.15
+    speed: Annotated[Positive, "[m/s]"] = 0.6
+    turn_rate: Annotated[Positive, "[deg/s]"] = 90.0
+    ir_range: Annotated[Positive, "of the five proximity sensors [m]"] = 0.5
+    ir_noise: Annotated[NotNegative, "standard deviation of a reading [m]"] = 0.005
+    gap: Annotated[NotNegative, "between the body and a wall that it follows [m]"] = 0.12
+    odometry_step: Annotated[Positive, "what the wheels count in [m]"] = 0.002
+    battery_minutes: Annotated[Positive, "[min]"] = 30.0
+    memory_bytes: Annotated[Count, "for records, own and relayed"] = 1_000_000
+    max_error: Annotated[Positive, "half-width of its own estimate at which it turns home [m]"] = (
+        1.0
+    )
+    reach: Annotated[Positive, "how near to home it must truly end to be collected [m]"] = 2.0
+    rest_minutes: Annotated[NotNegative, "at home between two excursions [min]"] = 1.0
 
     # How it errs
-    turn_bias: NotNegative = 2.0
-    """Size of the systematic over-turn per 45°, its side drawn per robot [deg]."""
-    turn_bias_sd: NotNegative = 0.3
-    """How it differs from robot to robot [deg]."""
-    turn_noise: NotNegative = 0.3
-    """Standard deviation of a turn of 45° [deg]."""
-    along: NotNegative = 1.25 / 120
-    """Half-width of a run's length, per metre [m/m]."""
-    across: NotNegative = 5.5 / 120
-    """Half-width of its end across, per metre [m/m]: a heading error drawn as each run begins."""
-    factor: Positive = 2.236
-    """Standard deviations in a half-width."""
-    alignment_spread: NotNegative = 0.0
-    """Half-width of the heading after following a wall, against the wall's [deg]."""
-    drift: NotNegative = 0.0
-    """Of the wheels, to the left [deg/m]; its sign drawn per robot."""
-    scale_sd: NotNegative = 0.0
-    """Standard deviation of true over logged distance, from robot to robot."""
-    calibrated: bool = True
-    """Whether logs carry the robot's measured errors as their model."""
-    calibration_sd: NotNegative = 0.19
-    """Error of the measured over-turn [deg]."""
+    turn_bias: Annotated[NotNegative, "over-turn per 45°, its side drawn per robot [deg]"] = 2.0
+    turn_bias_sd: Annotated[NotNegative, "how it differs from robot to robot [deg]"] = 0.3
+    turn_noise: Annotated[NotNegative, "standard deviation of a turn of 45° [deg]"] = 0.3
+    along: Annotated[NotNegative, "half-width of a run's length, per metre [m/m]"] = 1.25 / 120
+    across: Annotated[NotNegative, "half-width of its end to the side, per metre [m/m]"] = 5.5 / 120
+    factor: Annotated[Positive, "standard deviations in a half-width"] = 2.236
+    alignment_spread: Annotated[
+        NotNegative, "half-width of the heading after a followed wall [deg]"
+    ] = 0.0
+    drift: Annotated[NotNegative, "of straight runs, its side drawn per robot [deg/m]"] = 0.0
+    scale_sd: Annotated[NotNegative, "standard deviation of true over logged distance"] = 0.0
+    calibrated: Annotated[bool, "whether logs carry the measured errors as a model"] = True
+    calibration_sd: Annotated[NotNegative, "error of the measured over-turn [deg]"] = 0.19
 
     # Meeting
-    exchange: bool = True
-    """Whether robots that meet exchange maps."""
-    radio_range: NotNegative = 1.0
-    """In line of sight [m]."""
-    radio_rate: Positive = 960.0
-    """[bytes/s]."""
-    radio_stop: NotNegative = 8.0
-    """Longest stop for a transfer [s]."""
-    radio_pause: NotNegative = 30.0
-    """Before the same two talk again [s]."""
-    radio_rest: NotNegative = 10.0
-    """Before a robot stops for anybody again [s]: or a crowd would never get away."""
-    radio_loss: Share = 0.1
-    """Probability that a meeting passes unheard."""
+    exchange: Annotated[bool, "whether robots that meet exchange maps"] = True
+    radio_range: Annotated[NotNegative, "in line of sight [m]"] = 1.0
+    radio_rate: Annotated[Positive, "[bytes/s]"] = 960.0
+    radio_stop: Annotated[NotNegative, "longest stop for a transfer [s]"] = 8.0
+    radio_pause: Annotated[NotNegative, "before the same two talk again [s]"] = 30.0
+    radio_rest: Annotated[
+        NotNegative, "before a robot stops for anybody again, or crowds stay [s]"
+    ] = 10.0
+    radio_loss: Annotated[Share, "probability that a meeting passes unheard"] = 0.1
 
     # Output
-    log_ir: bool = False
-    """Whether each pose carries the five raw readings as ``x_ir``."""
+    log_ir: Annotated[bool, "whether each pose carries the five raw readings as x_ir"] = False

@@ -7,13 +7,13 @@ runs the mission answers how much of it was done before something came in betwee
 from __future__ import annotations
 
 import math
-from collections.abc import Generator
-from dataclasses import dataclass, replace
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
 from typing import TypeAlias
 
 from possmap.lab.simulate.body import Body, Place
 from possmap.lab.simulate.logbook import Logbook
-from possmap.lab.simulate.perception import Perception, Sighting
+from possmap.lab.simulate.perception import Perception, Piece
 from possmap.lab.simulate.settings import MissionSettings
 
 Track: TypeAlias = list[list[float]]
@@ -35,10 +35,9 @@ class Motion:
 
     def at(self, share: float) -> Place:
         """Return the true place when a share of it is done."""
+        (x, y, heading), (x2, y2, heading2) = self.start, self.end
         return Place(
-            self.start.x + share * (self.end.x - self.start.x),
-            self.start.y + share * (self.end.y - self.start.y),
-            self.start.heading + share * (self.end.heading - self.start.heading),
+            x + share * (x2 - x), y + share * (y2 - y), heading + share * (heading2 - heading)
         )
 
 
@@ -60,39 +59,46 @@ Steps: TypeAlias = Generator[Motion, Done, None]
 
 
 class Steering:
-    """Executes runs and turns, and writes down what was believed and seen."""
+    """Executes runs and turns, and writes down what was believed and seen.
+
+    book, track, trail : of the excursion under way: its log, the truth file's rows, and the places
+    where the robot believes it was.
+    time : when the last motion ended [s].
+    was_stopped : whether it was cut short.
+    bumped : which side of the front touched something at the last run, 0 for none.
+    """
+
+    book: Logbook
 
     def __init__(self, settings: MissionSettings, body: Body, perception: Perception) -> None:
         self._settings = settings
         self.body = body
         self.perception = perception
-        self.book: Logbook | None = None
         self.track: Track = []
         self.trail: list[tuple[float, float]] = []
         self.time = 0.0
         self.was_stopped = False
         self.bumped = 0
-        """Which side of the front touched something at the last run, 0 for none."""
 
-    def log(self) -> Logbook:
-        """Return the log of the present excursion."""
-        if self.book is None:
-            raise ValueError("no excursion is under way")
-        return self.book
+    def set_out(self, book: Logbook, home: Place) -> None:
+        """Begin an excursion."""
+        self.book, self.track, self.trail = book, [], []
+        self.body.set_down(home)
+        self.note_pose(home.x, home.y, math.degrees(home.heading))
 
     def note_pose(self, x: float, y: float, heading_deg: float, turned: bool | None = None) -> None:
         """Write a pose into the log, and both it and the truth into the track."""
-        book, place = self.log(), self.body.place
+        place = self.body.place
         ir = self.perception.five(place) if self._settings.log_ir else None
-        book.pose(self.time, x, y, heading_deg, turned, ir)
-        pose = book.belief.logged
-        self.trail.append(book.belief.corrected.place)
-        self.track.append(
-            [
-                round(self.time, 2), round(place.x, 4), round(place.y, 4),
-                round(math.degrees(place.heading), 2), pose.x, pose.y, pose.heading_deg,
-            ]
-        )  # fmt: skip
+        self.book.pose(self.time, x, y, heading_deg, turned, ir)
+        belief, true_deg = self.book.belief, round(math.degrees(place.heading), 2)
+        true = [round(self.time, 2), round(place.x, 4), round(place.y, 4), true_deg]
+        self.track.append([*true, belief.logged.x, belief.logged.y, belief.logged.heading_deg])
+        self.trail.append(belief.corrected.place)
+
+    def _note_heading(self, heading_deg: float, turned: bool) -> None:
+        pose = self.book.belief.logged
+        self.note_pose(pose.x, pose.y, heading_deg, turned)
 
     def _after(self, done: Done) -> None:
         self.time = done.time
@@ -105,33 +111,29 @@ class Steering:
 
     def turn(self, asked_deg: float) -> Steps:
         """Turn on the spot; what is believed is what was asked for."""
-        if not asked_deg:
-            return
-        self.bumped = 0
-        start = self.body.place
-        end = self.body.turned(asked_deg)
-        seconds = abs(asked_deg) / self._settings.turn_rate
-        done = yield Motion(seconds, start, end)
-        self.body.place = end
-        self._after(done)
-        pose = self.log().belief.logged
-        self.note_pose(pose.x, pose.y, pose.heading_deg + asked_deg, turned=True)
+        if asked_deg:
+            self.bumped = 0
+            end = self.body.turned(asked_deg)
+            yield from self._turn_to(end, abs(asked_deg))
+            self._note_heading(self.book.belief.logged.heading_deg + asked_deg, turned=True)
 
     def line_up(self, true_heading: float) -> Steps:
         """Turn parallel to a wall by its readings; what is believed is what the wheels count.
 
         Only a run along the wall makes it a right angle, since only that run tells the host.
         """
-        start = self.body.place
-        away = math.remainder(true_heading - start.heading, 2 * math.pi)
-        end = replace(start, heading=start.heading + away)
-        done = yield Motion(abs(math.degrees(away)) / self._settings.turn_rate, start, end)
-        self.body.line_up(end.heading)
-        self._after(done)
+        place = self.body.place
+        away = math.remainder(true_heading - place.heading, 2 * math.pi)
+        yield from self._turn_to(place.turned(away), abs(math.degrees(away)))
+        self.body.forget_wall()
         counted = round(self.body.counted_turn(math.degrees(away)), 2)
         if counted:
-            pose = self.log().belief.logged
-            self.note_pose(pose.x, pose.y, pose.heading_deg + counted, turned=True)
+            self._note_heading(self.book.belief.logged.heading_deg + counted, turned=True)
+
+    def _turn_to(self, end: Place, degrees: float) -> Steps:
+        done = yield Motion(degrees / self._settings.turn_rate, self.body.place, end)
+        self.body.place = end
+        self._after(done)
 
     def run(self, distance: float, lined_up: bool = False, wall_side: int = 0) -> Steps:
         """Run straight, at most so far [m], and write down where it ended and what passed by.
@@ -152,16 +154,15 @@ class Steering:
         body.begin_run(lined_up)
         start = body.place
         bend = body.bend(distance, lined_up)
-        chord = replace(start, heading=start.heading + bend / 2)
+        chord = start.turned(bend / 2)
         way = self.perception.way_ahead(chord, distance)
         self.was_stopped, self.bumped = False, 0
         if way.distance > 0:
             bend, distance = bend * way.distance / distance, way.distance
             # Along a circle, ends lie nearer than the way between them (METHOD §1).
-            x, y = chord.at(distance * (math.sin(bend / 2) / (bend / 2) if bend else 1.0), 0.0)
-            end = Place(x, y, start.heading + bend)
-            done = yield Motion(distance / self._settings.speed, start, end, moves=True)
-            self._after(done)
+            chord_length = distance * (math.sin(bend / 2) / (bend / 2) if bend else 1.0)
+            end = Place(*chord.at(chord_length, 0.0), start.heading + bend)
+            done = yield from self._move(end, distance)
             ran = distance * done.share
             pieces = list(self.perception.beside(chord, ran)) if ran > 0 else []
             followed = wall_side if lined_up else 0
@@ -171,11 +172,19 @@ class Steering:
             self._write_run(ran, pieces, followed)
             if lined_up:
                 body.leave_wall()
-            if done.hold:
-                yield from self.wait(done.hold)
-                self.was_stopped = True
+            yield from self._hold(done)
         if way.stop == "bump" and not self.was_stopped:
             yield from self._back_off(way.across)
+
+    def _move(self, end: Place, distance: float) -> Generator[Motion, Done, Done]:
+        done = yield Motion(distance / self._settings.speed, self.body.place, end, moves=True)
+        self._after(done)
+        return done
+
+    def _hold(self, done: Done) -> Steps:
+        if done.hold:
+            yield from self.wait(done.hold)
+            self.was_stopped = True
 
     def _back_off(self, across: float) -> Steps:
         """After a bump, write down what was touched, and go back far enough to turn.
@@ -185,67 +194,54 @@ class Steering:
         self.bumped = 1 if across >= 0 else -1
         self._note_touched(self._settings.length / 2, across)
         start = self.body.place
-        behind = replace(start, heading=start.heading + math.pi)
-        way = self.perception.way_ahead(behind, self._settings.gap)
+        way = self.perception.way_ahead(start.turned(math.pi), self._settings.gap)
         if way.distance <= 0:
             return
         end = start.moved(-way.distance)
-        done = yield Motion(way.distance / self._settings.speed, start, end, moves=True)
-        self._after(done)
+        done = yield from self._move(end, way.distance)
         self.body.place = Motion(1.0, start, end).at(done.share)
         self._write_run(-way.distance * done.share, [], 0)
-        if done.hold:
-            yield from self.wait(done.hold)
-            self.was_stopped = True
+        yield from self._hold(done)
 
     def _believe_right_angle(self, since: float) -> None:
         """Write down, as of the run's start, that it went along a wall."""
-        belief = self.log().belief
+        belief = self.book.belief
         right_angle = 90.0 * round(math.degrees(belief.heading) / 90.0)
-        pose = belief.logged
-        if math.remainder(right_angle - pose.heading_deg, 360.0):
+        if math.remainder(right_angle - belief.logged.heading_deg, 360.0):
             now, self.time = self.time, since
-            self.note_pose(pose.x, pose.y, right_angle, turned=False)
+            self._note_heading(right_angle, turned=False)
             self.time = now
 
-    def _write_run(self, ran: float, pieces: list[Sighting], followed: int) -> None:
-        """Write down what passed by, then the pose, in the frame of what is believed."""
+    def _write_run(self, ran: float, pieces: Sequence[Piece], followed: int) -> None:
+        """Write down walls that passed by, and their ends, then the pose, as is believed."""
         counted = self.body.logged(ran)
-        stretch = counted / ran if ran else 1.0
+        stretch = counted / ran if ran else 1.0  # as the wheels count, way ahead is stretched
         for piece in pieces:
-            self._write_piece(piece, stretch, piece.side == followed)
+            at = self._believed(piece.x * stretch, piece.y)
+            to = self._believed(piece.x2 * stretch, piece.y2)
+            self.book.wall(self.time, *at, *to, piece.side == followed)
+            if piece.ended is not None:
+                x, y, kind = piece.ended
+                self.book.corner(self.time, *self._believed(x * stretch, y), kind)
         if counted:
-            x, y = self._believed(counted, 0.0)
-            self.note_pose(x, y, self.log().belief.logged.heading_deg)
+            self.note_pose(*self._believed(counted, 0.0), self.book.belief.logged.heading_deg)
 
-    def _write_piece(self, piece: Sighting, stretch: float, followed: bool) -> None:
-        """Write a wall, and its end; as the wheels count, way ahead is stretched."""
-        book = self.log()
-        at = self._believed(piece.x * stretch, piece.y)
-        to = self._believed(piece.x2 * stretch, piece.y2)
-        book.wall(self.time, *at, *to, followed)
-        if piece.ended is not None:
-            x, y, kind = piece.ended
-            book.corner(self.time, *self._believed(x * stretch, y), kind)
-
-    def note_ahead(self, reading: float, corner: tuple[float, float] | None) -> None:
+    def note_ahead(self, reading: float, beside: float | None) -> None:
         """Write down a wall ahead, seen at standstill, and perhaps the corner that it makes.
 
-        reading : from the nose [m]; corner : in the robot's frame [m].
+        reading : from the nose [m]; beside: where the wall of the corner is, left positive [m].
         """
         ahead = self._settings.length / 2 + reading
         self._note_touched(ahead, 0.0)
-        if corner is not None:
-            self.log().corner(self.time, *self._believed(*corner), "concave")
+        if beside is not None:
+            self.book.corner(self.time, *self._believed(ahead, beside), "concave")
 
     def _note_touched(self, ahead: float, left: float) -> None:
         """Write down a single reading of a wall, in the robot's frame [m]."""
         at = self._believed(ahead, left)
-        self.log().wall(self.time, *at, *at, followed=False)
+        self.book.wall(self.time, *at, *at, followed=False)
 
     def _believed(self, ahead: float, left: float) -> tuple[float, float]:
         """Return where something in the robot's frame [m] is believed to be."""
-        pose = self.log().belief.logged
-        heading = math.radians(pose.heading_deg)
-        cos, sin = math.cos(heading), math.sin(heading)
-        return pose.x + ahead * cos - left * sin, pose.y + ahead * sin + left * cos
+        pose = self.book.belief.logged
+        return Place(pose.x, pose.y, math.radians(pose.heading_deg)).at(ahead, left)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from possmap.lab.simulate.mission import Mission
 from possmap.lab.simulate.robot import Excursion
@@ -38,21 +39,19 @@ class Outing:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What became of a mission.
+    """What became of a mission, as ``summary.json`` holds it.
 
+    home, lost : how many excursions were.
+    records_known_of_lost : those that the host has from others.
     explored : share of the walls' length that the host has heard of.
-    relayed : records that the host has only from others.
     """
 
-    outings: tuple[Outing, ...]
+    excursions: tuple[Outing, ...]
+    home: int
+    lost: int
     meetings: int
-    relayed: int
+    records_known_of_lost: int
     explored: float
-
-    @property
-    def home(self) -> int:
-        """Excursions that came home."""
-        return sum(outing.fate == "home" for outing in self.outings)
 
 
 def summarise(mission: Mission) -> Summary:
@@ -60,8 +59,10 @@ def summarise(mission: Mission) -> Summary:
     ended = in_order(mission)
     known = host_knows(ended)
     outings = tuple(_outing(one, mission.world, known) for one in ended)
-    relayed = sum(outing.known for outing in outings if outing.fate == "lost")
-    return Summary(outings, len(mission.meetings), relayed, explored(mission.world, ended, known))
+    lost = [outing.known for outing in outings if outing.fate == "lost"]
+    share = round(explored(mission.world, ended, known), 4)
+    home = len(outings) - len(lost)
+    return Summary(outings, home, len(lost), len(mission.meetings), sum(lost), share)
 
 
 def in_order(mission: Mission) -> list[Excursion]:
@@ -82,17 +83,15 @@ def host_knows(ended: Iterable[Excursion]) -> dict[str, int]:
 
 
 def _outing(one: Excursion, world: World, known: dict[str, int]) -> Outing:
-    places = np.array([row[1:3] for row in one.track])
-    steps = np.hypot(*np.diff(places, axis=0).T) if len(places) > 1 else np.zeros(0)
-    away = np.hypot(places[:, 0] - world.home[0], places[:, 1] - world.home[1])
+    places = np.array(one.track)[:, 1:3]
     return Outing(
         robot=one.robot,
         excursion=one.excursion,
         fate=one.fate,
         why=one.why,
         minutes=round((one.ended_at - one.track[0][0]) / 60, 2),
-        distance=round(float(steps.sum()), 2),
-        farthest=round(float(away.max()), 2),
+        distance=round(float(np.hypot(*np.diff(places, axis=0).T).sum()), 2),
+        farthest=round(float(np.hypot(*(places - world.home).T).max()), 2),
         records=len(one.book.own.records),
         known=known.get(one.excursion, 0),
     )
@@ -101,33 +100,25 @@ def _outing(one: Excursion, world: World, known: dict[str, int]) -> Outing:
 def explored(world: World, ended: Iterable[Excursion], known: dict[str, int]) -> float:
     """Return the share of the walls' length near which the host knows a track."""
     x0, y0, x1, y1 = world.bounds
-    rows, columns = (math.ceil((high - low) / _CELL) + 1 for low, high in ((y0, y1), (x0, x1)))
-    near = np.zeros((rows, columns), dtype=np.bool_)
+    near = np.zeros([math.ceil(side / _CELL) + 1 for side in (x1 - x0, y1 - y0)], dtype=np.bool_)
     radius = SEEN_M / _CELL
-    reach = math.ceil(radius)
-    offsets = np.arange(-reach, reach + 1)
-    disc = np.argwhere(offsets[:, None] ** 2 + offsets**2 <= radius**2) - reach
+    offsets = np.arange(-math.ceil(radius), math.ceil(radius) + 1)
+    disc = np.argwhere(offsets[:, None] ** 2 + offsets**2 <= radius**2) + offsets[0]
     for one in ended:
-        poses = sum(
-            record["kind"] == "pose"
-            for record in one.book.own.records[: known.get(one.excursion, 0)]
-        )
-        for place in _along(np.array([row[1:3] for row in one.track[:poses]])):
-            cells = np.rint((place[::-1] - (y0, x0)) / _CELL).astype(int) + disc
-            inside = ((cells >= 0) & (cells < (rows, columns))).all(axis=1)
-            near[tuple(cells[inside].T)] = True
-    seen = total = 0
-    for wall in world.walls:
-        for place in _along(wall.reshape(2, 2)):
-            row, column = np.rint((place[::-1] - (y0, x0)) / _CELL).astype(int)
-            seen += bool(near[row, column])
-            total += 1
-    return seen / total if total else 0.0
+        told = one.book.own.records[: known.get(one.excursion, 0)]
+        poses = sum(record["kind"] == "pose" for record in told)
+        on_track = np.unique(_cells(np.array(one.track)[:poses, 1:3], (x0, y0)), axis=0)
+        cells = (on_track[:, None] + disc).reshape(-1, 2)
+        inside = ((cells >= 0) & (cells < near.shape)).all(axis=1)
+        near[tuple(cells[inside].T)] = True
+    walls = [_cells(wall.reshape(2, 2), (x0, y0)) for wall in world.walls]
+    return float(near[tuple(np.concatenate(walls).T)].mean())
 
 
-def _along(places: Floats) -> Iterator[Floats]:
-    """Yield points along a polyline, a cell apart."""
+def _cells(places: Floats, low: tuple[float, float]) -> NDArray[np.intp]:
+    """Return the cells of points along a polyline, a cell apart, shape (n, 2)."""
+    points = [np.empty((0, 2))]
     for start, end in pairwise(places):
         steps = max(1, math.ceil(float(np.hypot(*(end - start))) / _CELL))
-        for k in range(steps + 1):
-            yield start + k / steps * (end - start)
+        points.append(start + (np.arange(steps + 1) / steps)[:, None] * (end - start))
+    return np.rint((np.concatenate(points) - low) / _CELL).astype(np.intp)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -16,6 +17,8 @@ Floats = NDArray[np.float64]
 
 _TOUCH = 0.01
 """Ends so near to each other meet [m]."""
+_STEP = 0.1
+"""Of a robot that tries how far it can get [m]."""
 
 
 class Ahead(NamedTuple):
@@ -82,9 +85,8 @@ class World:
             Of the strip [m]; a half width of 0 makes it a ray.
         """
         far = reach + half_width
-        return _first(
-            self._within(x - far, y - far, x + far, y + far), x, y, heading, half_width, reach
-        )
+        near = self._within(x - far, y - far, x + far, y + far)
+        return _first(near, x, y, heading, half_width, reach)
 
     def drop_ahead(self, x: float, y: float, heading: float, reach: float) -> float | None:
         """Return how far ahead the floor ends [m]; None if it does not within reach."""
@@ -99,12 +101,7 @@ class World:
         x, y : places [m], shape (n,); direction [rad]; beyond ``reach`` the answer is infinite.
         """
         cos, sin = math.cos(direction), math.sin(direction)
-        near = self._within(
-            float(x.min()) - reach,
-            float(y.min()) - reach,
-            float(x.max()) + reach,
-            float(y.max()) + reach,
-        )
+        near = self._within(x.min() - reach, y.min() - reach, x.max() + reach, y.max() + reach)
         if not len(near):
             return np.full(x.shape, math.inf)
         from_x, from_y = near[:, 0] - x[:, None], near[:, 1] - y[:, None]
@@ -121,22 +118,18 @@ class World:
     def _within(self, x0: float, y0: float, x1: float, y1: float) -> Segments:
         """Return the walls that touch a rectangle."""
         walls = self.walls
-        found: Segments = walls[
+        touching = (
             (walls[:, 0] <= x1) & (walls[:, 2] >= x0) & (walls[:, 1] <= y1) & (walls[:, 3] >= y0)
-        ]
+        )
+        found: Segments = walls[touching]
         return found
 
     def corner_kind(self, x: float, y: float) -> Literal["convex", "end"]:
         """Return what the wall end nearest to a place is: a corner if another wall meets it."""
-        walls = self.walls
-        ends = np.concatenate([walls[:, :2], walls[:, 2:]])
-        apart = np.hypot(ends[:, 0] - x, ends[:, 1] - y)
-        at = ends[int(np.argmin(apart))]
-        touching = (
-            (walls[:, 0] <= at[0] + _TOUCH) & (walls[:, 2] >= at[0] - _TOUCH)
-            & (walls[:, 1] <= at[1] + _TOUCH) & (walls[:, 3] >= at[1] - _TOUCH)
-        )  # fmt: skip
-        return "convex" if int(touching.sum()) > 1 else "end"
+        ends = np.concatenate([self.walls[:, :2], self.walls[:, 2:]])
+        at_x, at_y = ends[int(np.argmin(np.hypot(ends[:, 0] - x, ends[:, 1] - y)))]
+        touching = self._within(at_x - _TOUCH, at_y - _TOUCH, at_x + _TOUCH, at_y + _TOUCH)
+        return "convex" if len(touching) > 1 else "end"
 
     def sees(self, x: float, y: float, x2: float, y2: float) -> bool:
         """Whether no wall lies between two places."""
@@ -150,6 +143,27 @@ class World:
         away_x = np.maximum(0.0, np.maximum(walls[:, 0] - x, x - walls[:, 2]))
         away_y = np.maximum(0.0, np.maximum(walls[:, 1] - y, y - walls[:, 3]))
         return float(np.hypot(away_x, away_y).min(initial=math.inf))
+
+    def reachable(self, width: float, enough: float) -> float:
+        """Return how much floor a robot can reach from home in steps along the axes [m2].
+
+        width : of its body [m]; enough: where the count ends [m2].
+        """
+        cells = math.ceil(enough / _STEP**2)
+        seen, waiting = {(0, 0)}, deque([(0, 0)])
+        while waiting and len(seen) < cells:
+            column, row = waiting.popleft()
+            x, y = self.home[0] + column * _STEP, self.home[1] + row * _STEP
+            for across, up in ((1, 0), (0, 1), (-1, 0), (0, -1)):
+                cell, heading = (column + across, row + up), math.atan2(up, across)
+                if (
+                    cell not in seen
+                    and self.ahead(x, y, heading, width / 2, _STEP + width / 2) is None
+                    and self.drop_ahead(x, y, heading, _STEP) is None
+                ):
+                    seen.add(cell)
+                    waiting.append(cell)
+        return len(seen) * _STEP**2
 
 
 def _edges(rectangles: Segments) -> Segments:

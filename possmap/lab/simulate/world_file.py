@@ -2,33 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple, TypeAlias
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 import yaml
 
 from possmap.core.ranges import Number, at_least, between, whole
-from possmap.errors import SettingsError, printable
+from possmap.errors import SettingsError
 from possmap.lab.simulate.floor_plan import Rectangle, Wall, sides, united
 from possmap.lab.simulate.generate import LARGEST, SMALLEST, office
 from possmap.settings.binder import FileName, bind
-from possmap.settings.yaml_file import members, place, read_yaml, refusal
+from possmap.settings.yaml_file import place, refusal, required_yaml
 from possmap.truth.plans import FINEST, Plan, Segments, read_image, read_ros_map
 
 LARGEST_WALLS = 50_000
 FARTHEST = 1e6  # [m], what a log can hold
-BASES: Mapping[str, tuple[str, ...]] = {
-    "file": (),
-    "image": ("resolution", "origin"),
-    "map": (),
-    "generate": ("size", "seed"),
-}
+BASES = {"file": (), "image": ("resolution", "origin"), "map": (), "generate": ("size", "seed")}
 """Where a world can be taken from, and what else that asks for."""
-
-_Inside: TypeAlias = Callable[[float, float], bool]
 
 
 class Line(NamedTuple):
@@ -94,27 +87,25 @@ class Room:
     doors: tuple[Door, ...] = ()
 
     def __post_init__(self) -> None:
-        for door in self.doors:
-            _, low, high = self._side(door)
-            if not low <= door.begin < door.end <= high:
-                found = f"[{door.side}, {door.begin:g}, {door.end:g}]"
+        x0, y0, x1, y1 = self.at
+        for side, begin, end in self.doors:
+            low, high = (x0, x1) if side in ("south", "north") else (y0, y1)
+            if not low <= begin < end <= high:
                 raise ValueError(
-                    f"doors, found {found}, expected from < to within {low:g} to {high:g}"
+                    f"doors, found [{side}, {begin:g}, {end:g}], expected from < to within "
+                    f"{low:g} to {high:g}"
                 )
-
-    def _side(self, door: Door) -> tuple[Wall, float, float]:
-        names = ("south", "north", "west", "east")
-        x, y, x2, y2 = dict(zip(names, sides(self.at), strict=True))[door.side]
-        return (x, y, x2, y2), *((x, x2) if y == y2 else (y, y2))
 
     def openings(self) -> list[Wall]:
         """Return its doors as pieces of walls [m]."""
-        found: list[Wall] = []
-        for door in self.doors:
-            (x, y, _, y2), _, _ = self._side(door)
-            level = y == y2
-            found.append((door.begin, y, door.end, y) if level else (x, door.begin, x, door.end))
-        return found
+        x0, y0, x1, y1 = self.at
+        at = {"south": y0, "north": y1, "west": x0, "east": x1}
+        return [
+            (begin, at[side], end, at[side])
+            if side in ("south", "north")
+            else (at[side], begin, at[side], end)
+            for side, begin, end in self.doors
+        ]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,8 +140,10 @@ class WorldFile:
             raise ValueError("size is missing, expected [x, y] in metres")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Draft:
+_NONE: Segments = np.empty((0, 4))
+
+
+class Draft(NamedTuple):
     """A world as read; without a home it is none yet.
 
     walls, drops : as in a World.
@@ -158,104 +151,96 @@ class Draft:
     solid : whether a place lies in what robots cannot enter, walls apart.
     """
 
-    walls: Segments
-    drops: Segments
-    home: tuple[float, float] | None
-    home_at: str
-    solid: _Inside
+    walls: Segments = _NONE
+    drops: Segments = _NONE
+    home: tuple[float, float] | None = None
+    home_at: str = ""
+    solid: Callable[[float, float], bool] = lambda x, y: False
 
 
-def read_world(node: yaml.Node, folder: Path) -> Draft:
+def read_world(node: yaml.Node, folder: Path, is_shared: bool = False) -> Draft:
     """Read the mapping of a world.
 
     Parameters
     ----------
     folder
         What paths in it are relative to.
+    is_shared
+        Whether another world takes this one.
 
     Raises
     ------
     SettingsError
         ``file:line: key, value found, what was expected``.
     """
-    nodes = {key: value for key, value, _ in members(node, "expected the keys of a world")}
     world = bind(node, WorldFile, "world")
-    base = _base(world, folder, place(node))
+    nodes = {key.value: value for key, value in node.value}
+    if is_shared and world.file is not None:
+        at = place(nodes["file"])
+        raise SettingsError(f"{at}: file, which a shared world cannot have again")
+    draft = _with_own(_base(world, folder, place(node)), world, nodes.get("rooms", node))
     if world.home is not None:
-        base = Draft(base.walls, base.drops, world.home, place(nodes["home"]), base.solid)
-    draft = _with_own(base, world, nodes.get("rooms", node))
+        draft = draft._replace(home=world.home, home_at=place(nodes["home"]))
+    problem = ""
     if not len(draft.walls):
-        raise SettingsError(f"{place(node)}: world, found no walls, expected some")
-    if len(draft.walls) > LARGEST_WALLS:
-        found = f"found {len(draft.walls)} walls, expected at most {LARGEST_WALLS}"
-        raise SettingsError(f"{place(node)}: world, {found}")
-    if np.abs(draft.walls).max() > FARTHEST:
-        found = "found walls beyond 1e6 m, expected them within ±1e6 m"
-        raise SettingsError(f"{place(node)}: world, {found}")
+        problem = "found no walls, expected some"
+    elif len(draft.walls) > LARGEST_WALLS:
+        problem = f"found {len(draft.walls)} walls, expected at most {LARGEST_WALLS}"
+    elif np.abs(draft.walls).max() > FARTHEST:
+        problem = "found walls beyond 1e6 m, expected them within ±1e6 m"
+    if problem:
+        raise SettingsError(f"{place(node)}: world, {problem}")
     return draft
 
 
 def _with_own(base: Draft, world: WorldFile, rooms: yaml.Node) -> Draft:
     """Return a world with what its own keys add: walls, rooms, obstacles and drops."""
     walls: list[Wall] = [*world.walls]
-    things = world.obstacles
     doors: list[Wall] = []
     for room in world.rooms:
         walls += sides(room.at)
         doors += room.openings()
         if len(doors) > LARGEST_WALLS:  # a few lines of YAML can repeat one list without end
             raise refusal(rooms, "world.rooms", f"expected {LARGEST_WALLS} doors at most")
-    everything = base.walls
+    everything, things = base.walls, world.obstacles
     if walls or things:
         # Doors open walls, not the furniture that somebody put there.
         own = [*united(walls, doors).tolist(), *(side for thing in things for side in sides(thing))]
         everything = united([*base.walls.tolist(), *own])
-    return Draft(
-        everything,
-        np.concatenate([base.drops, np.array(world.drops, dtype=np.float64).reshape(-1, 4)]),
-        base.home,
-        base.home_at,
-        lambda x, y: base.solid(x, y) or _in_any(things)(x, y),
+    drops = np.array(world.drops, dtype=np.float64).reshape(-1, 4)
+    return base._replace(
+        walls=everything,
+        drops=np.concatenate([base.drops, drops]),
+        solid=lambda x, y: base.solid(x, y) or _in_any(things, x, y),
     )
 
 
-def _in_any(rectangles: Sequence[Rectangle]) -> _Inside:
-    return lambda x, y: any(x0 < x < x1 and y0 < y < y1 for x0, y0, x1, y1 in rectangles)
-
-
-_NO_BOXES = np.empty((0, 4))
+def _in_any(rectangles: Sequence[Rectangle], x: float, y: float) -> bool:
+    return any(x0 < x < x1 and y0 < y < y1 for x0, y0, x1, y1 in rectangles)
 
 
 def _base(world: WorldFile, folder: Path, at: str) -> Draft:
     """Return the world that another one takes and adds to."""
     if world.file is not None:
-        return _shared(folder / world.file)
+        path = folder / world.file
+        return read_world(required_yaml(path, "a world"), path.parent, is_shared=True)
     if world.image is not None and world.resolution is not None:
         origin = world.origin or (0.0, 0.0)
         return _of_plan(read_image(folder / world.image, world.resolution, origin))
     if world.map is not None:
         return _of_plan(read_ros_map(folder / world.map))
     if world.size is not None:
-        rng = np.random.default_rng(1 if world.seed is None else world.seed)
-        building = office(*world.size, rng)
-        solid = _in_any(building.obstacles)
-        return Draft(building.walls, _NO_BOXES, building.home, at, solid)
-    return Draft(_NO_BOXES, _NO_BOXES, None, "", _in_any(()))
+        building = office(
+            *world.size, np.random.default_rng(1 if world.seed is None else world.seed)
+        )
+        return Draft(
+            walls=building.walls,
+            home=building.home,
+            home_at=at,
+            solid=lambda x, y: _in_any(building.obstacles, x, y),
+        )
+    return Draft()
 
 
 def _of_plan(plan: Plan) -> Draft:
-    return Draft(plan.walls(), _NO_BOXES, None, "", lambda x, y: not plan.is_free(x, y))
-
-
-def _shared(path: Path) -> Draft:
-    name = printable(str(path))
-    root = read_yaml(path, "a world")
-    if root is None:
-        raise SettingsError(f"{name}: is empty, expected a world")
-    for key, _, at in members(root, "expected the keys of a world"):
-        if key == "file":
-            raise SettingsError(f"{place(at)}: file, which a shared world cannot have again")
-        if key == "world":
-            found = "found a mission, expected what stands under world:"
-            raise SettingsError(f"{place(at)}: world, {found}")
-    return read_world(root, path.parent)
+    return Draft(walls=plan.walls(), solid=lambda x, y: not plan.is_free(x, y))
