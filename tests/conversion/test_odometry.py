@@ -14,7 +14,7 @@ from possmap.core.correction import correct
 from possmap.core.model import ErrorModel
 from possmap.core.records import Pose
 from possmap.core.track import stretches
-from possmap.lab.convert.odometry import Laying
+from possmap.lab.convert.legs import Laying
 
 legs = st.lists(st.tuples(st.floats(0.1, 3), st.floats(-120, 120)), min_size=1, max_size=12)
 models = st.builds(

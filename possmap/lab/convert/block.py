@@ -1,4 +1,4 @@
-"""A block of a track, converted as a whole: its poses, and what was seen between them."""
+"""A block of a track, converted as a whole: its poses, what was seen, and what it claims."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from possmap.lab.convert.claims import Claims
 from possmap.lab.convert.corners import corners
 from possmap.lab.convert.hits import Hits, hits, without_echoes
 from possmap.lab.convert.lines import FittedWall, walls_of
 from possmap.lab.convert.log import JsonRecord
+from possmap.lab.convert.orthogonal import Alignment
 from possmap.lab.convert.samples import Floats, Mount, Samples
 from possmap.lab.convert.settings import ConvertSettings
 from possmap.lab.convert.simplify import Outline, outline
@@ -147,3 +147,50 @@ def _wall_records(
         record = _line("wall", samples.t[index], wall.point(start), wall.point(end))
         followed = claims is not None and claims.may(wall, found, int(runs[first]))
         yield index, {**record, "followed": followed}
+
+
+EVERY_M = 3.0
+"""A claim is worth so much way.
+
+METHOD lets nothing move sideways on a followed run. That is true of a robot that rubs along a wall,
+not of one whose heading was computed from walls: each of its runs may be some degrees off. So few
+runs claim, and the heading's spread grows again behind each (docs/convert.md has the figures)."""
+
+PARALLEL = math.radians(20)
+"""A run follows a wall if their directions differ by less."""
+
+
+class Claims:
+    """Lets some of the runs along walls of the building's axes claim to have followed them."""
+
+    def __init__(self, alignment: Alignment) -> None:
+        self._alignment = alignment
+        self._since = math.inf
+
+    def may(self, wall: FittedWall, outline: Outline, run: int) -> bool:
+        """Whether a wall tells the heading, and the run goes along it."""
+        if not self._alignment.tells(wall.angle, wall.length):
+            return False
+        dx = float(outline.x[run + 1] - outline.x[run])
+        dy = float(outline.y[run + 1] - outline.y[run])
+        if not (dx or dy):
+            return False
+        return abs(math.remainder(math.atan2(dy, dx) - wall.angle, math.pi)) < PARALLEL
+
+    def settle(self, seen: Sequence[Sequence[JsonRecord]], outline: Outline) -> None:
+        """Take back the claims of runs that come too soon behind another's.
+
+        Parameters
+        ----------
+        seen
+            The sightings of each run, changed in place.
+        """
+        lengths = np.hypot(np.diff(outline.x), np.diff(outline.y)).tolist()
+        for length, records in zip(lengths, seen, strict=False):
+            self._since += length
+            claims = [record for record in records if record.get("followed")]
+            if claims and self._since >= EVERY_M:
+                self._since = 0.0
+                continue
+            for record in claims:
+                record["followed"] = False

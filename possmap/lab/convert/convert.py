@@ -9,12 +9,10 @@ from typing import Protocol
 
 import numpy as np
 
-from possmap.lab.convert.block import Block, converted
-from possmap.lab.convert.claims import Claims
-from possmap.lab.convert.legs import Piece, Reference, Start, legs
+from possmap.lab.convert.block import Block, Claims, converted
+from possmap.lab.convert.legs import Laying, Piece, Reference, Start, legs
 from possmap.lab.convert.lines import FittedWall
 from possmap.lab.convert.log import JsonRecord, LogBuilder
-from possmap.lab.convert.odometry import Laying
 from possmap.lab.convert.orthogonal import Alignment, Bearing, Straightening
 from possmap.lab.convert.samples import Floats, Mount, Samples, blinded, joined
 from possmap.lab.convert.settings import ConvertSettings

@@ -16,10 +16,9 @@ import numpy as np
 from possmap.errors import RecordingError
 from possmap.lab.convert.samples import Floats, Mount, Samples
 from possmap.lab.convert.tally import Tally
-from possmap.lab.recordings.beams import chosen
 from possmap.lab.recordings.carmen_line import Layout, laid_out, poses, robot_at, time_word
 from possmap.lab.recordings.join import Join
-from possmap.lab.recordings.mapping import Beam, Mapping, Table
+from possmap.lab.recordings.mapping import Beam, Mapping, Table, chosen
 from possmap.lab.recordings.readings import Interpreter
 from possmap.lab.recordings.recording import CHUNK_ROWS, Recording
 from possmap.lab.recordings.stream import Progress, lines

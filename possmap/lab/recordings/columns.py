@@ -1,14 +1,19 @@
-"""Where a value stands in a row: CSV columns by name or number, JSON values by their path."""
+"""Where a value stands: in a row of a CSV file by name or number, in one of JSON by its path."""
 
 from __future__ import annotations
 
+import codecs
+import csv
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from possmap.errors import RecordingError, did_you_mean, plural, shown
+from possmap.lab.convert.tally import Tally
+from possmap.lab.recordings.mapping import Mapping
+from possmap.lab.recordings.stream import Progress, lines
 
 Row: TypeAlias = Any
 Getter: TypeAlias = Callable[[Row], Any]
@@ -103,3 +108,37 @@ def _missing(place: str, column: str, names: Sequence[str], otherwise: str) -> R
     have = ", ".join(shown(name) for name in names[:_NAMED]) or otherwise
     guess = did_you_mean(column, names[:_COMPARED])
     return RecordingError(place, f"column {shown(column)} is missing, found {have}{guess}")
+
+
+def csv_rows(
+    path: Path, mapping: Mapping, tally: Tally, progress: Progress | None
+) -> Iterator[tuple[int, list[str]]]:
+    """Yield line and fields of each row, the header among them.
+
+    A quoted field ends on its line: what a lost quote can spoil is one row, not all behind it.
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be read.
+    """
+    comment, delimiter = mapping.comment.encode(), mapping.delimiter
+    for number, line in lines(path, tally, progress):
+        if number == 1:
+            line = line.removeprefix(codecs.BOM_UTF8)
+        if not line.strip() or (comment and line.startswith(comment)):
+            continue
+        text = line.decode("utf-8", "replace").rstrip("\r\n")
+        if '"' in text:
+            yield number, _unquoted(text, delimiter)
+        else:
+            yield number, text.split(delimiter)
+
+
+def _unquoted(text: str, delimiter: str | None) -> list[str]:
+    if delimiter is None:
+        text, delimiter = " ".join(text.split()), " "
+    try:
+        return next(csv.reader([text], delimiter=delimiter, skipinitialspace=True))
+    except csv.Error:
+        return []

@@ -11,12 +11,11 @@ import numpy as np
 
 from possmap.core.ranges import LARGEST
 from possmap.errors import RecordingError
-from possmap.lab.convert.guard import JumpGuard
 from possmap.lab.convert.samples import Flags, Floats, unwrapped
 from possmap.lab.convert.tally import Tally
 from possmap.lab.recordings.mapping import Mapping, Table
 from possmap.lab.recordings.reckoning import Reckoner
-from possmap.lab.recordings.sense import readable, spikes
+from possmap.lab.recordings.sense import JumpGuard, readable, spikes
 
 STUBBORN = 100
 """So many samples in a row behind the clock, and it has been set back for good."""

@@ -15,12 +15,10 @@ import numpy as np
 from possmap.errors import RecordingError, shown
 from possmap.lab.convert.samples import Mount, Samples
 from possmap.lab.convert.tally import Tally
-from possmap.lab.recordings.beams import chosen, of_scan
-from possmap.lab.recordings.columns import CsvColumns, Getter, JsonPaths, Row
-from possmap.lab.recordings.csv_rows import csv_rows
+from possmap.lab.recordings.columns import CsvColumns, Getter, JsonPaths, Row, csv_rows
 from possmap.lab.recordings.join import Join
 from possmap.lab.recordings.json_stream import entries
-from possmap.lab.recordings.mapping import Beam, Mapping, Table
+from possmap.lab.recordings.mapping import Beam, Mapping, Table, chosen, of_scan
 from possmap.lab.recordings.readings import Interpreter, Readings
 from possmap.lab.recordings.recording import CHUNK_ROWS, Recording, left_out
 from possmap.lab.recordings.stream import Progress

@@ -12,8 +12,7 @@ import numpy as np
 from possmap.core.ranges import LARGEST
 from possmap.errors import RecordingError, printable, shown
 from possmap.lab.convert.samples import Mount
-from possmap.lab.recordings.beams import chosen, of_scan
-from possmap.lab.recordings.mapping import STANDARD_UNITS, Mapping, Scan, Table
+from possmap.lab.recordings.mapping import STANDARD_UNITS, Mapping, Scan, Table, chosen, of_scan
 from possmap.lab.recordings.rosbag.bag import Bag, Decoder, Topic, short
 from possmap.lab.recordings.rosbag.fields import Fields, Getter, listed, names_of
 from possmap.lab.recordings.rosbag.frames import Frames, Seat, frame_of
