@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ from possmap.cli import options
 
 if TYPE_CHECKING:
     from possmap.lab.convert.request import Request
+    from possmap.lab.recordings.mapping import Mapping
 
 
 class _Range(click.FloatRange):
@@ -27,9 +29,7 @@ class _Range(click.FloatRange):
         return number
 
 
-def _numbers(text: str | None, count: int | None, what: str) -> tuple[float, ...] | None:
-    if text is None:
-        return None
+def _numbers(text: str, count: int | None, what: str) -> tuple[float, ...]:
     try:
         found = tuple(float(part) for part in text.split(","))
     except ValueError:
@@ -43,15 +43,21 @@ def _numbers(text: str | None, count: int | None, what: str) -> tuple[float, ...
     return found
 
 
-def _pose(ctx: click.Context, param: click.Parameter, value: Any) -> Any:
-    what = "X,Y,DEGREES"
-    if isinstance(value, tuple):
-        return tuple(_numbers(one, 3, what) for one in value)
-    return _numbers(value, 3, what)
+def _errors(ctx: click.Context, param: click.Parameter, value: str) -> Any:
+    return _numbers(value, 3, "X,Y,DEGREES")
 
 
-def _angles(ctx: click.Context, param: click.Parameter, value: Any) -> Any:
-    found = _numbers(value, None, "degrees parted by commas") or ()
+def _starts(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -> Any:
+    found = [_errors(ctx, param, one) for one in value]
+    return tuple((x, y, math.radians(heading)) for x, y, heading in found)
+
+
+def _radians(ctx: click.Context, param: click.Parameter, value: float) -> float:
+    return math.radians(value)
+
+
+def _angles(ctx: click.Context, param: click.Parameter, value: str) -> Any:
+    found = _numbers(value, None, "degrees parted by commas")
     return tuple(math.radians(angle) for angle in found)
 
 
@@ -65,7 +71,7 @@ def _angles(ctx: click.Context, param: click.Parameter, value: Any) -> Any:
     help="A log (.json, .jsonl, .csv, each also .gz), or a folder of logs.",
 )  # fmt: skip
 @click.option(
-    "--format", "form", type=click.Choice(["carmen", "ros", "csv", "json"]),
+    "--format", type=click.Choice(["carmen", "ros", "csv", "json"]),
     help="Of the sources.  [default: told by what is inside]",
 )  # fmt: skip
 @click.option(
@@ -97,12 +103,12 @@ def _angles(ctx: click.Context, param: click.Parameter, value: Any) -> Any:
 @click.option("--robot", metavar="NAME", help="The robot's name.  [default: the file's]")
 @click.option("--excursion", metavar="NAME", help="The excursion's name.  [default: 1]")
 @click.option(
-    "--start", "starts", multiple=True, metavar="X,Y,DEG", callback=_pose,
+    "--start", "starts", multiple=True, metavar="X,Y,DEG", callback=_starts,
     help="Where a recording begins, in metres and degrees; once for each source.",
 )  # fmt: skip
 @click.option(
     "--start-error", "errors", default="0,0,0", show_default=True, metavar="X,Y,DEG",
-    callback=_pose, help="How wrong a start may be: half-widths.",
+    callback=_errors, help="How wrong a start may be: half-widths.",
 )  # fmt: skip
 @click.option(
     "--reference", type=click.Path(exists=True, path_type=Path), metavar="FILE",
@@ -134,7 +140,7 @@ def _angles(ctx: click.Context, param: click.Parameter, value: Any) -> Any:
 )  # fmt: skip
 @click.option(
     "--turn-tolerance", type=_Range(0.1, 180), default=15.0, show_default=True,
-    metavar="DEG", help="How far the body's heading may stray between poses.",
+    metavar="DEG", callback=_radians, help="How far the body's heading may stray between poses.",
 )  # fmt: skip
 @click.option(
     "--guard", type=_Range(0, 1e6), metavar="M",
@@ -174,7 +180,7 @@ def convert(ctx: click.Context, /, sources: tuple[Path, ...], output: Path, **gi
 
     as_json, overwrite = given.pop("as_json"), given.pop("overwrite")
     found = convert_recordings(
-        sources, output, _request(**given), overwrite=overwrite, progress=bytes_read
+        sources, output, _request(given), overwrite=overwrite, progress=bytes_read
     )
     if as_json:
         click.echo(json.dumps(to_json(found, output)))
@@ -182,27 +188,8 @@ def convert(ctx: click.Context, /, sources: tuple[Path, ...], output: Path, **gi
         report(found, output, verbose=ctx.obj["verbose"] > 0)
 
 
-def _request(
-    form: Any,
-    mapping: str | None,
-    topics: tuple[str, ...],
-    clock: Any,
-    pose_of: Any,
-    beams: tuple[float, ...],
-    robot: str | None,
-    excursion: str | None,
-    starts: tuple[tuple[float, float, float], ...],
-    errors: tuple[float, float, float],
-    reference: Path | None,
-    reference_mapping: str | None,
-    reference_pose: Any,
-    model_file: Path | None,
-    sets: tuple[str, ...],
-    turn_tolerance: float,
-    guard: float | None,
-    **tolerances: Any,
-) -> Request:
-    """Return what the options ask for.
+def _request(given: dict[str, Any]) -> Request:
+    """Return what the options ask for; they have the names of what takes them.
 
     Raises
     ------
@@ -216,49 +203,44 @@ def _request(
     from possmap.lab.recordings.rosbag.topics import mapping_of
     from possmap.logs.fields import NAME
 
+    mapping, topics = given.pop("mapping"), given.pop("topics")
     if mapping and topics:
         raise click.UsageError("--topic and --mapping say the same thing, expected one of them")
-    if reference is not None and starts:
+    if given["reference"] is not None and given["starts"]:
         raise click.UsageError("--reference says where excursions begin, expected no --start")
-    for option, name in (("--robot", robot), ("--excursion", excursion)):
-        if name is not None and not NAME.fullmatch(name):
+    for name in ("robot", "excursion"):
+        if given[name] is not None and not NAME.fullmatch(given[name]):
             raise click.BadParameter(
-                f"found {name!r}, expected 1 to 64 characters of A-Z a-z 0-9 . _ : -",
-                param_hint=option,
+                f"found {given[name]!r}, expected 1 to 64 characters of A-Z a-z 0-9 . _ : -",
+                param_hint=f"--{name}",
             )
-    if min(errors) < 0:
+    if min(given["errors"]) < 0:
         raise click.BadParameter("expected half-widths >= 0", param_hint="--start-error")
+    model_file = given.pop("model_file")
     try:
         columns = mapping_of(topics) if topics else None
-        models = models_of(model_file, dict(map(options.pair, sets)))
+        models = models_of(model_file, dict(map(options.pair, given.pop("sets"))))
     except SettingsError as error:
         if model_file is not None and not str(error).startswith("--"):
             raise
         raise click.UsageError(str(error)) from None
-    source = Source(
-        format=form,
-        mapping=read_mapping(find_mapping(mapping)) if mapping else columns,
-        beams=beams,
-        pose_of=pose_of,
-        clock=clock,
-        guard=guard,
-    )
+
+    def read(name: str | None) -> Mapping | None:
+        return read_mapping(find_mapping(name)) if name else None
+
     known = Source(
-        mapping=read_mapping(find_mapping(reference_mapping)) if reference_mapping else None,
-        pose_of=reference_pose,
-        clock=clock,
+        mapping=read(given.pop("reference_mapping")),
+        pose_of=given.pop("reference_pose"),
+        clock=given["clock"],
     )
+
+    def taken(kind: type) -> dict[str, Any]:
+        return {one.name: given.pop(one.name) for one in fields(kind) if one.name in given}
+
     return Request(
-        source=source,
-        settings=ConvertSettings(
-            turn_tolerance=math.radians(turn_tolerance),
-            **tolerances,
-        ),
+        source=Source(mapping=read(mapping) or columns, **taken(Source)),
+        settings=ConvertSettings(**taken(ConvertSettings)),
         models=models,
-        robot=robot,
-        excursion=excursion,
-        starts=tuple((x, y, math.radians(heading)) for x, y, heading in starts),
-        errors=errors,
-        reference=reference,
         reference_source=known,
+        **given,
     )

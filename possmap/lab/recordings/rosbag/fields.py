@@ -1,17 +1,21 @@
-"""Fields of a message by their path: ``pose.pose.position.x``, ``raw[0]``."""
+"""Fields of a message by their path (``pose.pose.position.x``), and what standard ones mean."""
 
 from __future__ import annotations
 
+import math
 import operator
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from keyword import iskeyword
+from types import MappingProxyType
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from possmap.errors import RecordingError, did_you_mean, printable, shown
+from possmap.lab.convert.samples import Floats
+from possmap.lab.convert.tally import Tally
 from possmap.lab.recordings.rosbag.bag import short
 
 Getter: TypeAlias = Callable[[object], Any]
@@ -168,3 +172,40 @@ def _is_time(value: object) -> bool:
 
 def _seconds(time: Any) -> float:
     return float(time.sec + 1e-9 * time.nanosec)
+
+
+ODOMETRY = "nav_msgs/msg/Odometry"
+POSE = "geometry_msgs/msg/PoseStamped"
+SCAN = "sensor_msgs/msg/LaserScan"
+RANGE = "sensor_msgs/msg/Range"
+
+
+def _pose(path: str) -> dict[str, str]:
+    places = {axis: f"{path}.position.{axis}" for axis in "xy"}
+    return places | {f"q{axis}": f"{path}.orientation.{axis}" for axis in "xyzw"}
+
+
+POSES: Mapping[str, Mapping[str, str]] = MappingProxyType(
+    {ODOMETRY: _pose("pose.pose"), POSE: _pose("pose")}
+)
+"""Type -> role -> field."""
+
+LIMITS: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {SCAN: ("range_min", "range_max"), RANGE: ("min_range", "max_range")}
+)
+"""Type -> fields with the shortest and the longest reading that means something [m]."""
+
+
+def judged(ranges: Floats, limits: Floats, type_: str, tally: Tally) -> Floats:
+    """Return the readings of standard messages: NaN where one is none, infinity for nothing seen.
+
+    As REP 117 has it, +infinity says that nothing was in sight, and -infinity, NaN and whatever is
+    out of limits say nothing. A longest reading is the way of many drivers to say infinity.
+
+    ranges : (n, k) [m]. limits : (n, 2), as LIMITS has them [m].
+    """
+    low, high = limits[:, :1], limits[:, 1:]
+    nothing = np.isposinf(ranges) | (ranges >= high if type_ == RANGE else ranges == high)
+    sound = (ranges >= low) & (ranges <= high) & ~nothing
+    tally.add("readings that mean nothing, dropped", count=int((~sound & ~nothing).sum()))
+    return np.where(nothing, math.inf, np.where(sound, ranges, math.nan))

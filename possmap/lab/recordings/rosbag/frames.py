@@ -14,7 +14,7 @@ import numpy as np
 from possmap.errors import RecordingError
 from possmap.lab.convert.samples import Floats, Mount
 from possmap.lab.recordings.rosbag.bag import Bag, Topic
-from possmap.lab.recordings.rosbag.standard import ODOMETRY
+from possmap.lab.recordings.rosbag.fields import ODOMETRY
 
 UNKNOWN = (
     "topics of ranges taken to sit at the robot's middle and look ahead: nothing in the bag says "

@@ -14,9 +14,17 @@ from possmap.errors import RecordingError, printable, shown
 from possmap.lab.convert.samples import Mount
 from possmap.lab.recordings.mapping import STANDARD_UNITS, Mapping, Scan, Table, chosen, of_scan
 from possmap.lab.recordings.rosbag.bag import Bag, Decoder, Topic, short
-from possmap.lab.recordings.rosbag.fields import Fields, Getter, listed, names_of
+from possmap.lab.recordings.rosbag.fields import (
+    LIMITS,
+    POSES,
+    RANGE,
+    SCAN,
+    Fields,
+    Getter,
+    listed,
+    names_of,
+)
 from possmap.lab.recordings.rosbag.frames import Frames, Seat, frame_of
-from possmap.lab.recordings.rosbag.standard import LIMITS, POSES, RANGE, SCAN
 
 Row: TypeAlias = Callable[[object], list[float] | None]
 """What a message says, as Plan has it; None of a scan of another layout, or another sensor's."""

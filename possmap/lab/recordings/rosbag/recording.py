@@ -17,9 +17,7 @@ from possmap.lab.recordings.mapping import Mapping, Table, fault_of
 from possmap.lab.recordings.readings import Interpreter
 from possmap.lab.recordings.recording import CHUNK_ROWS, Recording
 from possmap.lab.recordings.rosbag.bag import STUBBORN, Bag, Topic, opened, short, size_of
-from possmap.lab.recordings.rosbag.frames import UNREADABLE, Frames
-from possmap.lab.recordings.rosbag.plan import Plan, names_fields, planned
-from possmap.lab.recordings.rosbag.standard import (
+from possmap.lab.recordings.rosbag.fields import (
     LIMITS,
     ODOMETRY,
     POSE,
@@ -28,6 +26,8 @@ from possmap.lab.recordings.rosbag.standard import (
     SCAN,
     judged,
 )
+from possmap.lab.recordings.rosbag.frames import UNREADABLE, Frames
+from possmap.lab.recordings.rosbag.plan import Plan, names_fields, planned
 from possmap.lab.recordings.stream import Progress
 
 Clock: TypeAlias = Literal["header", "bag"]

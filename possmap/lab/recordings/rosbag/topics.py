@@ -14,8 +14,6 @@ MOUNT = ("angle", "at_x", "at_y")
 """The roles that say how the sensor of a standard topic of ranges sits on the robot."""
 
 _RANGE = "range"
-_MOST_DEGREES = 360.0
-_FARTHEST_M = 10.0
 _FIELD = re.compile(r"[A-Za-z]\w*(\[\d{1,9}\])*(\.[A-Za-z]\w*(\[\d{1,9}\])*)*", re.ASCII)
 
 
@@ -55,7 +53,11 @@ def table_of(option: str) -> Table:
         elif role in ROLES:
             columns[role] = _field(role, value)
         else:
-            raise _unknown(role, name)
+            known = (*ROLES, f"{_RANGE}@DEGREES", *MOUNT)
+            expected = f"one of {', '.join(known)}{did_you_mean(role, known)}"
+            if name == _RANGE:
+                expected = f"{_RANGE}@DEGREES, such as {_RANGE}@-90"
+            raise SettingsError(f"--topic: ROLE, found {shown(role)}, expected {expected}")
     if seat and len(seen) > len(seat):
         raise SettingsError(
             f"--topic: found {next(iter(seat))} beside other roles, expected {', '.join(MOUNT)} "
@@ -74,42 +76,22 @@ def _field(role: str, value: str) -> str:
     return value
 
 
-def _radians(role: str, text: str) -> float:
+def _number(role: str, text: str, most: float, expected: str) -> float:
     try:
-        degrees = float(text)
+        number = float(text)
     except ValueError:
-        degrees = math.nan
-    if not abs(degrees) <= _MOST_DEGREES:  # phrased so that NaN is refused too
-        raise SettingsError(
-            f"--topic: the angle of {shown(role)}, found {shown(text)}, "
-            "expected degrees from -360 to 360, left positive"
-        )
-    return math.radians(degrees)
+        number = math.nan
+    if not abs(number) <= most:  # phrased so that NaN is refused too
+        raise SettingsError(f"--topic: {shown(role)}, found {shown(text)}, expected {expected}")
+    return number
+
+
+def _radians(role: str, text: str) -> float:
+    return math.radians(_number(role, text, 360.0, "degrees from -360 to 360, left positive"))
 
 
 def _metres(role: str, text: str) -> float:
-    try:
-        metres = float(text)
-    except ValueError:
-        metres = math.nan
-    if not abs(metres) <= _FARTHEST_M:  # phrased so that NaN is refused too
-        raise SettingsError(
-            f"--topic: {role}, found {shown(text)}, expected metres from the robot's middle, "
-            f"at most {_FARTHEST_M:g}"
-        )
-    return metres
-
-
-def _unknown(role: str, name: str) -> SettingsError:
-    known = (*ROLES, f"{_RANGE}@DEGREES", *MOUNT)
-    if name == _RANGE:
-        return SettingsError(
-            f"--topic: ROLE, found {shown(role)}, expected {_RANGE}@DEGREES, such as {_RANGE}@-90"
-        )
-    return SettingsError(
-        f"--topic: ROLE, found {shown(role)}, expected one of {', '.join(known)}"
-        f"{did_you_mean(role, known)}"
-    )
+    return _number(role, text, 10.0, "metres from the robot's middle, at most 10")
 
 
 def mapping_of(topics: Sequence[str]) -> Mapping:
