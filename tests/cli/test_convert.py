@@ -188,18 +188,6 @@ needs_shared = pytest.mark.skipif(not SHARED.is_dir(), reason="../shared is not 
 
 
 @needs_shared
-@pytest.mark.parametrize("flight", ["olsson-3loop", "rice"])
-def test_a_flight_is_the_same_from_its_bag_and_from_its_tables(flight: str, clone: Path) -> None:
-    folder = SHARED / "crazyflie"
-    (bag,) = converted(str(folder / f"{flight}.bag"), "--mapping", "crazyflie-bag")
-    (csv,) = converted(str(folder / f"{flight}_state_xyzv.csv"), "--mapping", "crazyflie-csv")
-    assert (bag.robot, csv.robot) == (flight, flight)
-    ends = [(poses(log)[-1].x, poses(log)[-1].y) for log in (bag, csv)]
-    assert ends[0] == pytest.approx(ends[1], abs=0.05)
-    assert len(bag.records) == pytest.approx(len(csv.records), rel=0.03)
-
-
-@needs_shared
 @pytest.mark.parametrize(
     ("source", "options", "metres"),
     [

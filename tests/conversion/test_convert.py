@@ -217,8 +217,3 @@ def test_right_angles_take_most_of_a_drift_out_and_few_runs_claim_it() -> None:
         if record.get("followed"):
             claimed.add(run)
     assert 4 <= len(claimed) <= 44 / 3 + 1
-
-
-def test_without_axes_no_wall_claims_to_have_been_followed() -> None:
-    (log,), outcome = converted(drive(LAP, HALL))
-    assert of_kind(log, "wall") and outcome.followed == 0

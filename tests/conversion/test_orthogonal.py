@@ -82,18 +82,6 @@ def test_the_smoother_is_the_least_squares_of_all_walls_at_once(
     assert math.remainder(found.axis - best[count], QUARTER) == pytest.approx(0, abs=2e-3)
 
 
-def test_a_heading_that_wanders_is_followed_more_closely_than_walls_are_straight() -> None:
-    rng = np.random.default_rng(7)
-    ways = [1.0 * k for k in range(1, 301)]
-    true = np.cumsum(rng.normal(0, math.degrees(math.sqrt(PROCESS)), 300))
-    found = aligned(told(ways, (true + rng.normal(0, 4, 300)).tolist(), 0))
-    left = [
-        math.degrees(found.error_at(0, way)) - error for way, error in zip(ways, true, strict=True)
-    ]
-    assert np.std(left) < 1.3
-    assert np.std(true) > 3
-
-
 def test_the_buildings_axes_may_lie_askew() -> None:
     found = aligned(told([1, 2, 3, 4, 5], [0] * 5, 33))
     assert math.degrees(found.axis) % 90 == pytest.approx(33, abs=0.6)

@@ -19,7 +19,7 @@ from bags import BAG_LATER_S, FORMATS, START_S, Message, bag_ns, words_of, write
 from possmap.errors import RecordingError, SettingsError
 from possmap.lab.convert.samples import Mount, Samples, joined
 from possmap.lab.convert.tally import Tally
-from possmap.lab.recordings.mapping import Mapping, Readable, Scan, Table
+from possmap.lab.recordings.mapping import Mapping, Nothing, Scan, Table, Units
 from possmap.lab.recordings.rosbag.frames import UNKNOWN
 from possmap.lab.recordings.rosbag.recording import Clock, open_bag
 from possmap.lab.recordings.rosbag.topics import table_of
@@ -226,8 +226,8 @@ def test_a_list_of_an_own_type_is_a_scan_if_the_mapping_says_so(tmp_path: Path) 
     mapping = Mapping(
         "ros",
         (Table("/odom"), Table("/ring", scan=scan)),
-        units={"range": "cm", "time": "ms"},
-        readable=Readable(nothing=(300.0,)),
+        units=Units(range="cm", time="ms"),
+        nothing=Nothing(values=(300.0,)),
     )
     recording = open_bag(path, FOUR, mapping)
     assert recording.mounts[0].x == 0.1
@@ -323,9 +323,9 @@ def test_named_times_are_read_by_their_unit(tmp_path: Path) -> None:
     words = words_of("bag")
     told: list[Message] = [("/s", bag_ns(n), words.raw(n, 10 * n, 1.0)) for n in range(3)]
     path = write_bag(tmp_path, "bag", told)
-    own = topics_of("/s:t=raw[0],x=raw[1],y=raw[1]", units={"time": "ms"})
+    own = topics_of("/s:t=raw[0],x=raw[1],y=raw[1]", units=Units(time="ms"))
     assert read(path, own)[0].t == pytest.approx([0, 0.01, 0.02])
-    stamp = topics_of("/s:t=header.stamp,x=raw[1],y=raw[1]", units={"time": "ms"})
+    stamp = topics_of("/s:t=header.stamp,x=raw[1],y=raw[1]", units=Units(time="ms"))
     assert read(path, stamp)[0].t == pytest.approx(START_S + np.arange(3))
 
 

@@ -15,7 +15,6 @@ from possmap.lab.recordings import Source, carmen, open_recordings
 from possmap.lab.recordings.carmen import PoseOf, open_carmen
 from possmap.lab.recordings.recording import Recording
 
-REAL = Path(__file__).parents[2].parent / "shared" / "realdata"
 CUT = "lines cut short or without numbers, skipped"
 OTHER = "laser lines of another layout than the others, skipped"
 NO_POSE = "rows with NaN or infinity for a pose, skipped"
@@ -336,19 +335,3 @@ def test_carmen_is_told_by_what_is_inside(tmp_path: Path) -> None:
     (recording,) = open_recordings([path], Source(beams=(0.0,)))
     assert recording.name == "drive.txt"
     assert len(joined(recording.samples(Tally(), None))) == 2
-
-
-@pytest.mark.skipif(not REAL.is_dir(), reason="../shared/realdata is absent")
-@pytest.mark.parametrize(
-    ("name", "samples", "beams"),
-    [
-        ("carmen/aces-corrected.log.gz", 440, 3),
-        ("carmen/freiburg-079-corrected.log.gz", 4791, 3),
-        ("intel/intel.gfs.log", 906, 3),
-    ],
-)
-def test_logs_of_others_are_read_whole(name: str, samples: int, beams: int) -> None:
-    found, tally = read(REAL / name)
-    assert len(found) == samples
-    assert found.ranges.shape[1] == beams
-    assert tally.of(CUT) == 0

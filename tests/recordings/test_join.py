@@ -199,22 +199,6 @@ def test_rows_of_one_time_are_one_sample_however_they_are_fed(
     assert tally.of(SAME_TIME) == len(times) - len(last)
 
 
-def test_a_moment_between_poses_too_far_apart_is_dropped() -> None:
-    pose, ranges = Rows([0, 1, 4, 4.5], [0, 1, 2, 3]), Rows([0.5, 2.5, 4, 4.25], [1, 2, 3, 4])
-    samples, tally = fed((POSE, RANGE), [pose, ranges], [9])
-    assert samples is not None
-    assert samples.t.tolist() == [0, 0.5, 1, 4, 4.25, 4.5]
-    assert tally.of(WITHOUT_POSE) == 1
-
-
-def test_a_table_of_ranges_that_ends_early_leaves_the_track() -> None:
-    pose, ranges = Rows(list(range(50)), list(range(50))), Rows([0.5, 1.5], [1, 2])
-    samples, tally = fed((POSE, RANGE), [pose, ranges], [3])
-    assert samples is not None
-    assert len(samples) == 52
-    assert tally.counts == {}
-
-
 def test_headings_that_end_early_end_the_track_and_the_rest_is_counted_not_kept() -> None:
     place, yaw = Rows(list(range(500)), list(range(500))), Rows([0, 10, 20], [0, 1, 2])
     join = Join("drive", Mapping("csv", (PLACE, YAW)), (0, 0), tally := Tally(), math.inf)

@@ -119,17 +119,6 @@ def test_json_lines_give_one_entry_a_line(path: Path, rows: list[Any], end: str)
         assert [value for _, _, value in told] == rows
 
 
-NUMBERS = ["0", "-0", "12", "-12", "1.5", "-0.25", "1e3", "1E+3", "1.5e-3", "12345678901234567890",
-           "Infinity", "-Infinity", "1.7976931348623157e308", "0.1e1"]  # fmt: skip
-
-
-@pytest.mark.parametrize("text", NUMBERS)
-def test_numbers_may_be_cut_anywhere(path: Path, size: int, text: str) -> None:
-    expected = [json.loads(text)] * 3
-    for pad in range(4):
-        assert found(path, " " * pad + f"[{text},{text} , {text}]") == expected
-
-
 def test_a_byte_order_mark_is_passed_over(path: Path, size: int) -> None:
     assert found(path, b"\xef\xbb\xbf[1, 2]") == [1, 2]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import json
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -10,9 +9,8 @@ from typing import Any
 
 import pytest
 
-from possmap.errors import OutputError
 from possmap.logs import read_log
-from possmap.logs.writing import LogWriter, check_name, writing
+from possmap.logs.writing import LogWriter, writing
 from possmap.settings.limits import Limits
 
 Log = tuple[dict[str, Any], Iterable[dict[str, Any]]]
@@ -126,15 +124,6 @@ def test_a_csv_has_every_column_and_the_bodys_heading(tmp_path: Path) -> None:
     assert lines[2] == "r:1,a,1,wall,1.0,0.0,0.0001,,2.0,3.0,,false,,,,,,,,,"
 
 
-def test_a_compressed_log_names_neither_file_nor_time(tmp_path: Path) -> None:
-    path = tmp_path / "secret.jsonl.gz"
-    write(path, ONE)
-    data = path.read_bytes()
-    assert data[3] == 0  # no flags: no name
-    assert data[4:8] == b"\0\0\0\0"
-    assert gzip.decompress(data).endswith(b"}\n")
-
-
 class OopsError(Exception):
     """Something that goes wrong while a log is written."""
 
@@ -168,60 +157,3 @@ def test_a_folder_keeps_its_other_logs(tmp_path: Path) -> None:
     assert (out / "r-1_b.json").read_bytes() == before
     ((*_, records, _),) = excursions(out / "r-1_a.json")
     assert records == []
-
-
-@pytest.mark.parametrize(
-    ("name", "made", "told"),
-    [
-        ("log.jsonl", "file", "log.jsonl: exists already; --overwrite replaces it"),
-        ("no/log.jsonl", "", "no/log.jsonl: the folder no does not exist"),
-        (
-            "out",
-            "full",
-            "out: holds something already; --overwrite replaces logs of the same outings",
-        ),
-        ("out", "file", "out: is no folder"),
-        ("no/out", "", "no/out: cannot be written: No such file or directory"),
-    ],
-)
-def test_what_cannot_be_written_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, made: str, told: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    path = Path(name)
-    if made == "file":
-        path.write_text("mine")
-    if made == "full":
-        path.mkdir()
-        (path / "log.json").write_text("mine")
-    before = everything(tmp_path)
-    with pytest.raises(OutputError) as caught:
-        write(path, ONE)
-    assert str(caught.value) == told
-    assert everything(tmp_path) == before
-
-
-@pytest.mark.parametrize(
-    ("name", "several", "told"),
-    [
-        ("log.txt", False, "log.txt: unknown suffix, expected one of .json, .jsonl, .ndjson, .csv, "
-         "perhaps with .gz, or a folder"),
-        ("log.gz", False, "log.gz: unknown suffix, expected one of .json, .jsonl, .ndjson, .csv, "
-         "perhaps with .gz, or a folder"),
-        ("log.json", True,
-         "log.json: a JSON file holds one log, expected .jsonl, .csv or a folder"),
-        ("log.JSON.GZ", True,
-         "log.JSON.GZ: a JSON file holds one log, expected .jsonl, .csv or a folder"),
-        ("log.json", False, ""), ("log.jsonl.gz", True, ""), ("out", True, ""),
-    ],
-)  # fmt: skip
-def test_names_are_told_apart(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, several: bool, told: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    if not told:
-        check_name(Path(name), several)
-        return
-    with pytest.raises(OutputError) as caught:
-        check_name(Path(name), several)
-    assert str(caught.value) == told

@@ -9,7 +9,16 @@ import pytest
 
 from possmap.errors import SettingsError
 from possmap.lab.convert.samples import Mount
-from possmap.lab.recordings.mapping import Beam, Mapping, Readable, Scan, Table, Ticks
+from possmap.lab.recordings.mapping import (
+    Beam,
+    Invalid,
+    Mapping,
+    Nothing,
+    Scan,
+    Table,
+    Ticks,
+    Units,
+)
 from possmap.lab.recordings.mapping_file import find_mapping, read_mapping
 from possmap.settings.shipped import shipped_names
 
@@ -38,12 +47,6 @@ def test_every_shipped_mapping_is_found_by_its_name_and_reads(name: str) -> None
     mapping = read_mapping(find_mapping(name))
     assert mapping.tables
     assert mapping.format in ("csv", "json", "ros")
-
-
-def test_there_are_mappings_for_the_sets_of_others() -> None:
-    assert shipped_names("recordings") == [
-        "crazyflie-bag", "crazyflie-csv", "intel-json", "optiodom-ticks", "optiodom-truth",
-    ]  # fmt: skip
 
 
 def test_a_file_beats_a_shipped_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -75,7 +78,6 @@ def test_little_is_enough(tmp_path: Path) -> None:
     assert mapping == Mapping("csv", (Table("", {"t": "t", "x": "x", "y": "y"}),))
     assert (mapping.delimiter, mapping.header, mapping.comment) == (",", True, "#")
     assert (mapping.guard, mapping.gap, mapping.period) == (0.05, 1.0, None)
-    assert mapping.readable == Readable()
 
 
 def test_every_key_of_a_csv(tmp_path: Path) -> None:
@@ -103,12 +105,12 @@ gap: 0.5
     assert table.beams == (
         Beam("9", Mount(math.pi / 2)), Beam("front", Mount(math.radians(-0.5), 0.1, -0.2)),
     )  # fmt: skip
-    assert mapping.units == {
-        "time": "ms", "length": "cm", "range": "mm", "speed": "cm/s", "angle": "deg",
-        "turn_rate": "deg/s",
-    }  # fmt: skip
+    assert mapping.units == Units(
+        time="ms", length="cm", range="mm", speed="cm/s", angle="deg", turn_rate="deg/s"
+    )
     assert (mapping.delimiter, mapping.header, mapping.comment) == (";", False, "%")
-    assert mapping.readable == Readable((-1, 8190), 4, (0,), 5, 0.02)
+    assert mapping.nothing == Nothing(values=(-1, 8190), above=4)
+    assert mapping.invalid == Invalid(values=(0,), above=5, below=0.02)
     assert (mapping.period, mapping.guard, mapping.gap) == (0.1, 0, 0.5)
     assert mapping.velocity_in_body
 
@@ -139,23 +141,6 @@ scan: {column: r, first_deg: -90, step_deg: 0.5, count: 361, x: 0.2, y: -0.1}
 def test_ticks(tmp_path: Path, given: str, told: Ticks) -> None:
     text = CSV + f"columns: {{t: t, left: l, right: r}}\nticks: {{{given}}}\n"
     assert read(tmp_path, text).ticks == told
-
-
-def test_tables_of_files(tmp_path: Path) -> None:
-    text = (
-        CSV
-        + """
-tables:
-  - {file: "*_a.csv", columns: {t: t, x: x, y: y}}
-  - {file: "*_b.csv", columns: {t: t, yaw: w}, beams: [{column: r, angle_deg: 0}]}
-"""
-    )
-    assert [table.source for table in read(tmp_path, text).tables] == ["*_a.csv", "*_b.csv"]
-
-
-def test_topics_of_bags_need_no_columns(tmp_path: Path) -> None:
-    mapping = read(tmp_path, "format: ros\ntables: [{topic: /odom}, {topic: /scan}]\n")
-    assert mapping.tables == (Table("/odom"), Table("/scan"))
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,6 @@ from possmap.lab.recordings.mapping import Mapping, Scan, Table
 from possmap.lab.recordings.recording import Recording
 from possmap.lab.recordings.tables import open_tables
 
-REAL = Path(__file__).parents[2].parent / "shared" / "realdata"
 SKIPPED = "rows cut short or without numbers, skipped"
 NO_POSE = "rows with NaN or infinity for a pose, skipped"
 BACKWARDS = "rows whose clock ran backwards, skipped"
@@ -554,13 +553,6 @@ def test_blocks_of_any_size_give_the_same(
     assert left_out == all_left_out
 
 
-def test_a_recording_can_be_read_again_from_its_beginning(tmp_path: Path) -> None:
-    recording = opened(tmp_path, TICKS + "ticks: {metres_per_tick: 1, track: 1}\n",
-                       table("t l r", (0, 0, 0), (1, 1, 1)))  # fmt: skip
-    for _ in range(2):
-        assert joined(recording.samples(Tally(), None)).x.tolist() == [0, 1]
-
-
 def test_progress_adds_up_to_the_size(tmp_path: Path) -> None:
     recording = opened(
         tmp_path, PLAIN, "t,x,y,yaw\n" + "".join(f"{t},1,2,3\n" for t in range(99_999))
@@ -637,27 +629,6 @@ def test_a_file_of_no_table_is_refused_with_the_names(tmp_path: Path) -> None:
 
 
 # --- Recordings of others ----------------------------------------------------------------------
-
-
-@pytest.mark.skipif(not REAL.is_dir(), reason="../shared/realdata is absent")
-@pytest.mark.parametrize(
-    ("name", "mapping", "samples"),
-    [
-        ("crazyflie/rice_state_xyzv.csv", "crazyflie-csv", 6173),
-        ("crazyflie/olsson-3loop_state_ranger_qxyzw.csv", "crazyflie-csv", 7602),
-        ("intel/intel-raw.json", "intel-json", 910),
-        ("optiodom/ivanjko/231220200057/231220200057_run-01.csv", "optiodom-ticks", 388),
-        ("optiodom/ivanjko/231220200057/231220200057_run-01.csv", "optiodom-truth", 388),
-    ],
-)
-def test_recordings_of_others_are_read_whole(name: str, mapping: str, samples: int) -> None:
-    from possmap.lab.recordings import find_mapping
-
-    rules = read_mapping(find_mapping(mapping))
-    (recording,) = open_recordings([REAL / name], Source(mapping=rules, beams=FOUR))
-    tally = Tally()
-    assert len(joined(recording.samples(tally, None))) == samples
-    assert tally.of(SKIPPED) == 0
 
 
 SQUARE = "".join(f"{t},{100},{100},0.1,{90 * (t // 10) % 360}\n" for t in range(40))

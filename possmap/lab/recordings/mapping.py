@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Literal, TypeAlias, get_args
 
+from possmap.core.ranges import Number
 from possmap.lab.convert.samples import Mount
 
 Role: TypeAlias = Literal[
@@ -19,21 +20,17 @@ Role: TypeAlias = Literal[
 ]
 ROLES: tuple[str, ...] = get_args(Role)
 
-UNITS: MappingABC[str, MappingABC[str, float]] = MappingProxyType(
-    {
-        "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
-        "length": {"m": 1.0, "cm": 0.01, "mm": 1e-3, "in": 0.0254, "ft": 0.3048},
-        "range": {"m": 1.0, "cm": 0.01, "mm": 1e-3, "in": 0.0254, "ft": 0.3048},
-        "speed": {"m/s": 1.0, "cm/s": 0.01, "mm/s": 1e-3},
-        "angle": {"rad": 1.0, "deg": math.pi / 180},
-        "turn_rate": {"rad/s": 1.0, "deg/s": math.pi / 180},
-    }
-)
-"""What a unit is worth in metres, radians and seconds."""
+Length: TypeAlias = Literal["m", "cm", "mm", "in", "ft"]
 
-STANDARD_UNITS: MappingABC[str, str] = MappingProxyType(
-    {"time": "s", "length": "m", "range": "m", "speed": "m/s", "angle": "rad", "turn_rate": "rad/s"}
-)
+_WORTH = MappingProxyType(
+    {
+        "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9,
+        "m": 1.0, "cm": 0.01, "mm": 1e-3, "in": 0.0254, "ft": 0.3048,
+        "m/s": 1.0, "cm/s": 0.01, "mm/s": 1e-3,
+        "rad": 1.0, "deg": math.pi / 180, "rad/s": 1.0, "deg/s": math.pi / 180,
+    }
+)  # fmt: skip
+"""What a unit is worth in metres, radians and seconds."""
 
 _PAIRS = ("x", "y"), ("left", "right"), ("vx", "vy")
 _QUATERNION = frozenset({"qx", "qy", "qz", "qw"})
@@ -86,20 +83,39 @@ class Ticks:
     cumulative: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class Readable:
-    """Which range readings are none.
+@dataclass(frozen=True, kw_only=True)
+class Units:
+    """The unit of each quantity."""
 
-    Values are as the file has them; the bounds are metres.
-    nothing : values that mean that nothing was in sight; nothing_above : every longer reading.
-    invalid : values that mean nothing at all; invalid_above, invalid_below : as well.
+    time: Literal["s", "ms", "us", "ns"] = "s"
+    length: Length = "m"
+    range: Length = "m"
+    speed: Literal["m/s", "cm/s", "mm/s"] = "m/s"
+    angle: Literal["rad", "deg"] = "rad"
+    turn_rate: Literal["rad/s", "deg/s"] = "rad/s"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Nothing:
+    """Which readings mean that nothing was in sight.
+
+    values : as the file has them. above : every longer one [m].
     """
 
-    nothing: tuple[float, ...] = ()
-    nothing_above: float = math.inf
-    invalid: tuple[float, ...] = ()
-    invalid_above: float = math.inf
-    invalid_below: float = 0.0
+    values: tuple[Number, ...] = ()
+    above: Number = math.inf
+
+
+@dataclass(frozen=True, kw_only=True)
+class Invalid:
+    """Which readings mean nothing at all.
+
+    values : as the file has them. above, below : every longer one, every other [m].
+    """
+
+    values: tuple[Number, ...] = ()
+    above: Number = math.inf
+    below: Number = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,8 +183,6 @@ class Mapping:
     delimiter, header, comment
         CSV: what parts the columns (None: any white space); whether the first row names them;
         how a line begins that says nothing.
-    units
-        Quantity -> unit, by UNITS.
     period
         Seconds from row to row, where no column has the time.
     velocity_in_body
@@ -185,9 +199,10 @@ class Mapping:
     delimiter: str | None = ","
     header: bool = True
     comment: str = "#"
-    units: MappingABC[str, str] = field(default_factory=lambda: STANDARD_UNITS)
+    units: Units = Units()
     ticks: Ticks | None = None
-    readable: Readable = field(default_factory=Readable)
+    nothing: Nothing = Nothing()
+    invalid: Invalid = Invalid()
     period: float | None = None
     velocity_in_body: bool = False
     guard: float = 0.05
@@ -195,7 +210,7 @@ class Mapping:
 
     def worth(self, quantity: str) -> float:
         """Return what the unit of a quantity is worth in metres, radians or seconds."""
-        return UNITS[quantity][self.units.get(quantity, STANDARD_UNITS[quantity])]
+        return _WORTH[getattr(self.units, quantity)]
 
 
 def fault_of(tables: tuple[Table, ...], ticks: Ticks | None, in_body: bool = False) -> str | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping as MappingABC
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
@@ -13,12 +13,14 @@ from possmap.errors import SettingsError, printable
 from possmap.lab.convert.samples import Mount
 from possmap.lab.recordings.mapping import (
     Beam,
+    Invalid,
     Mapping,
-    Readable,
+    Nothing,
     Role,
     Scan,
     Table,
     Ticks,
+    Units,
     fault_of,
 )
 from possmap.settings.binder import bind_file
@@ -53,7 +55,6 @@ Column: TypeAlias = Annotated[str, _column]
 Degrees: TypeAlias = Annotated[Number, math.radians]
 Seat: TypeAlias = Annotated[float, between(-10, 10)]
 """Of a sensor, from the robot's middle [m]."""
-Length: TypeAlias = Literal["m", "cm", "mm", "in", "ft"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,29 +108,6 @@ class _Ticks:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Nothing:
-    values: tuple[Number, ...] = ()
-    above: Number = math.inf
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Invalid:
-    values: tuple[Number, ...] = ()
-    above: Number = math.inf
-    below: Number = 0.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Units:
-    time: Literal["s", "ms", "us", "ns"] = "s"
-    length: Length = "m"
-    range: Length = "m"
-    speed: Literal["m/s", "cm/s", "mm/s"] = "m/s"
-    angle: Literal["rad", "deg"] = "rad"
-    turn_rate: Literal["rad/s", "deg/s"] = "rad/s"
-
-
-@dataclass(frozen=True, kw_only=True)
 class _Table:
     file: Annotated[str, _one_star] | None = None
     topic: str | None = None
@@ -160,10 +138,10 @@ class _File:
     delimiter: Annotated[str, _delimiter] | None = None
     header: bool | None = None
     comment: str | None = None
-    units: _Units = _Units()
+    units: Units = field(default_factory=Units)
     ticks: Annotated[_Ticks, _Ticks.made] | None = None
-    nothing: _Nothing = _Nothing()
-    invalid: _Invalid = _Invalid()
+    nothing: Nothing = field(default_factory=Nothing)
+    invalid: Invalid = field(default_factory=Invalid)
     period: Positive | None = None
     velocity_in_body: bool = False
     guard: NotNegative = 0.05
@@ -205,15 +183,10 @@ class _File:
             delimiter=None if self.delimiter == " " else self.delimiter or ",",
             header=self.header is not False,
             comment="#" if self.comment is None else self.comment,
-            units=asdict(self.units),
+            units=self.units,
             ticks=self.ticks,  # type: ignore[arg-type]
-            readable=Readable(
-                self.nothing.values,
-                self.nothing.above,
-                self.invalid.values,
-                self.invalid.above,
-                self.invalid.below,
-            ),
+            nothing=self.nothing,
+            invalid=self.invalid,
             period=self.period,
             velocity_in_body=self.velocity_in_body,
             guard=self.guard,

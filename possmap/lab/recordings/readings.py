@@ -153,8 +153,7 @@ class Interpreter:
             place, yaw = self._poses(t, columns)
             self._check_bounds(place, yaw, lines)
             if ranges is not None:
-                worth = self._mapping.worth("range")
-                ranges = readable(ranges, self._mapping.readable, worth, self._tally)
+                ranges = readable(ranges, self._mapping, self._tally)
         return Readings(t, place, yaw, ranges)
 
     def _times(self, columns: MappingABC[str, Floats]) -> Floats:

@@ -6,16 +6,17 @@ import numpy as np
 
 from possmap.lab.convert.samples import Flags, Floats
 from possmap.lab.convert.tally import Tally
-from possmap.lab.recordings.mapping import Readable
+from possmap.lab.recordings.mapping import Mapping
 
 
-def readable(ranges: Floats, rule: Readable, worth: float, tally: Tally) -> Floats:
+def readable(ranges: Floats, mapping: Mapping, tally: Tally) -> Floats:
     """Return readings in metres, NaN where there is none, infinity where nothing was in sight."""
-    metres = ranges * worth
-    nothing = (metres > rule.nothing_above) | np.isposinf(metres) | np.isin(ranges, rule.nothing)
+    metres = ranges * mapping.worth("range")
+    no_echo, none = mapping.nothing, mapping.invalid
+    nothing = (metres > no_echo.above) | np.isposinf(metres) | np.isin(ranges, no_echo.values)
     missing = np.isnan(metres)  # no reading is no fault: not every row has one of every beam
-    invalid = (metres > rule.invalid_above) | (metres <= rule.invalid_below)
-    invalid |= np.isin(ranges, rule.invalid)
+    invalid = (metres > none.above) | (metres <= none.below)
+    invalid |= np.isin(ranges, none.values)
     invalid &= ~nothing & ~missing
     tally.add("readings that mean nothing, dropped", count=int(invalid.sum()))
     return np.where(nothing, np.inf, np.where(invalid, np.nan, metres))

@@ -12,7 +12,7 @@ import numpy as np
 from possmap.core.ranges import LARGEST
 from possmap.errors import RecordingError, printable, shown
 from possmap.lab.convert.samples import Mount
-from possmap.lab.recordings.mapping import STANDARD_UNITS, Mapping, Scan, Table, chosen, of_scan
+from possmap.lab.recordings.mapping import Mapping, Scan, Table, Units, chosen, of_scan
 from possmap.lab.recordings.rosbag.bag import Bag, Decoder, Topic, short
 from possmap.lab.recordings.rosbag.fields import (
     LIMITS,
@@ -136,9 +136,9 @@ def planned(
     stamp = fields.stamp() if stamped and "t" not in table.columns else None
     unstamped = stamp is not None and not any(map(stamp, first))
     # The mapping's units are for fields that it names.
-    units = dict(mapping.units if named else STANDARD_UNITS)
+    units = mapping.units if named else Units()
     told = "t" in table.columns and not fields.is_time(table.columns["t"])
-    units["time"] = mapping.units.get("time", "s") if told else "s"
+    units = replace(units, time=mapping.units.time if told else "s")
     return Plan(
         topic,
         table,
