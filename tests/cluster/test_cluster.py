@@ -80,7 +80,7 @@ def test_a_cluster_comes_to_the_digest_of_one_process(
 def _ledger(grid: Path) -> list[list[tuple[Any, ...]]]:
     """Return all that the ledger holds, but the times of arrival."""
     with sqlite3.connect(grid) as connection:
-        tables = ("record", "excursion", "touched", "part")
+        tables = ("record", "excursion", "touched", "arrival")
         found = [
             connection.execute(f"SELECT * FROM {one} ORDER BY 1, 2, 3").fetchall() for one in tables
         ]
@@ -181,11 +181,10 @@ def test_a_damaged_tile_is_named_and_the_grid_stays(
 
 def test_local_starts_workers_itself_and_says_nothing_of_them(troupe: Path, tmp_path: Path) -> None:
     here, there = tmp_path / "here.possmap", tmp_path / "there.possmap"
-    fuse(troupe, here, {})
+    fuse(troupe, here, {}, "--profile=paper")
     command = [sys.executable, "-m", "possmap", "fuse", str(troupe), "-g", str(there)]
+    command += ["--profile=paper", "--dask=local:1"]
     environment = {**os.environ, "PYTHONWARNINGS": "default"}
-    done = subprocess.run(
-        [*command, "--dask", "local:1"], capture_output=True, env=environment, check=False
-    )
+    done = subprocess.run(command, capture_output=True, env=environment, check=False)
     assert (done.returncode, done.stderr.decode()) == (0, "")
     assert digest(there) == digest(here)
