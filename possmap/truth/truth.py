@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from possmap.core.ranges import TIME
+from possmap.core.ranges import TIME, WITHIN
 from possmap.errors import LogError, SettingsError, printable, shown
 from possmap.logs.fields import Fault, as_object, name_of, number
 from possmap.logs.json_text import JsonSyntaxError, JsonText
@@ -21,7 +21,7 @@ Wall = tuple[float, float, float, float]
 Track = NDArray[np.float64]
 """t [s], x, y [m], heading [deg], then the same three as believed; one row per moment."""
 
-COLUMNS = 7
+COLUMNS = "t, x, y, heading, believed_x, believed_y, believed_heading"
 PLAN_SUFFIXES = (".yaml", ".yml")
 IMAGE_SUFFIXES = (".png", ".pgm", ".bmp")
 
@@ -98,14 +98,12 @@ def read_truth(path: Path, limits: Limits) -> Truth:
         cursor.end()
         if fields.get("possmap_truth") != 1:
             raise Fault(("possmap_truth",), "is missing or not 1, expected a truth file")
-        walls = _walls(fields.get("walls"))
-        home = fields.get("home")
-        robots = fields.get("robots", [])
-        if not isinstance(robots, list):
-            raise Fault(("robots",), f"found {shown(robots)}, expected a list")
+        walls = _rows("walls", fields.get("walls"), "x, y, x2, y2")
+        home = _row("home", fields["home"], "x, y") if fields.get("home") is not None else None
+        robots = _list("robots", fields.get("robots", []))
         return Truth(
-            walls,
-            None if home is None else _place(home),
+            tuple((x, y, x2, y2) for x, y, x2, y2 in walls),
+            (home[0], home[1]) if home else None,
             dict(_entry(index, robot) for index, robot in enumerate(robots)),
         )
     except JsonSyntaxError as error:
@@ -113,52 +111,36 @@ def read_truth(path: Path, limits: Limits) -> Truth:
         raise LogError(f"{source.name}:{line}", f"not JSON: {error}") from None
     except Fault as fault:
         where = ".".join(map(str, fault.path))
-        raise LogError(
-            source.name, f"{where}: {fault.problem}" if where else fault.problem
-        ) from None
+        raise LogError(source.name, f"{where}: {fault.problem}".removeprefix(": ")) from None
 
 
-def _walls(given: object) -> tuple[Wall, ...]:
+def _list(name: str, given: object) -> list[object]:
     if not isinstance(given, list):
-        raise Fault(("walls",), f"found {shown(given)}, expected a list")
-    return tuple(_wall(index, wall) for index, wall in enumerate(given))
-
-
-def _wall(index: int, wall: object) -> Wall:
-    x, y, x2, y2 = _numbers(f"walls[{index}]", wall, "x, y, x2, y2")
-    return x, y, x2, y2
-
-
-def _place(home: object) -> tuple[float, float]:
-    x, y = _numbers("home", home, "x, y")
-    return x, y
-
-
-def _numbers(name: str, given: object, names: str) -> Sequence[float]:
-    if not isinstance(given, list) or len(given) != names.count(",") + 1:
-        raise Fault((name,), f"found {shown(given)}, expected [{names}]")
-    return [number(name, value) for value in given]
+        raise Fault((name,), f"found {shown(given)}, expected a list")
+    return given
 
 
 def _entry(index: int, robot: object) -> tuple[tuple[str, str], Track]:
     try:
         fields = as_object(robot)
         name = name_of("robot", fields.get("robot")), name_of("excursion", fields.get("excursion"))
-        return name, _track(fields.get("track"))
+        track = _rows("track", fields.get("track"), COLUMNS)
+        return name, np.array(track, dtype=np.float64).reshape(-1, 7)
     except Fault as fault:
         raise fault.below(f"robots[{index}]") from None
 
 
-def _track(given: object) -> Track:
-    if not isinstance(given, list):
-        raise Fault(("track",), f"found {shown(given)}, expected a list")
-    names = "t, x, y, heading, believed_x, believed_y, believed_heading"
-    for index, row in enumerate(given):
-        # One look suffices for a sound row; the number that is none is then looked for.
-        if not isinstance(row, list) or len(row) != COLUMNS:
-            raise Fault((f"track[{index}]",), f"found {shown(row)}, expected [{names}]")
-        if not all(type(value) is float and -1e6 <= value <= 1e6 for value in row):
-            number(f"track[{index}]", row[0], TIME)
-            for value in row[1:]:
-                number(f"track[{index}]", value)
-    return np.array(given, dtype=np.float64).reshape(-1, COLUMNS)
+def _rows(name: str, given: object, columns: str) -> list[list[float]]:
+    """Return rows of numbers, one for each of the columns."""
+    rows = enumerate(_list(name, given))
+    return [_row(f"{name}[{index}]", row, columns) for index, row in rows]
+
+
+def _row(name: str, given: object, columns: str) -> list[float]:
+    names = columns.split(", ")
+    if not isinstance(given, list) or len(given) != len(names):
+        raise Fault((name,), f"found {shown(given)}, expected [{columns}]")
+    if all(type(value) is float and -1e6 <= value <= 1e6 for value in given):
+        return given  # one look suffices for a sound row
+    allowed = (TIME if column == "t" else WITHIN for column in names)
+    return [number(name, value, range_) for value, range_ in zip(given, allowed, strict=True)]

@@ -138,18 +138,23 @@ def test_lining_up_with_a_wall_takes_the_heading_error_away() -> None:
         assert [wall["followed"] for wall in walls] == [True, True]
 
 
-def test_a_robot_leaves_a_wall_as_far_off_its_direction_as_the_mission_says() -> None:
+def test_a_robot_lines_up_as_far_off_a_wall_as_the_mission_says_and_its_wheels_count_it() -> None:
     room = hall(40, 10)
     room.walls[:, [0, 2]] -= 1.0
     room.walls[:, [1, 3]] -= 0.2
-    off = []
+    off, counted = [], []
     for seed in range(100):
-        bench = Bench(seed, Faults(0.0, 0.0, 1.0), room, alignment_spread=4.0)
+        bench = Bench(seed, SOUND, room, alignment_spread=4.0, turn_noise=0.0)
+        bench.do(bench.steering.line_up(0.0))
+        counted.append(bench.steering.book.belief.logged.heading_deg)
         for _ in range(2):
             bench.do(bench.steering.run(3.0, lined_up=True, wall_side=-1))
             assert bench.missed()[1] == pytest.approx(0, abs=1e-9), "it goes where the wall goes"
+            assert bench.heading_deg == pytest.approx(counted[-1], abs=0.006)
         assert bench.steering.book.belief.heading == 0
         off.append(bench.heading_deg)
+        bench.run(2.0)
+        assert bench.missed()[1] != 0
     assert has_sd(np.array(off), 4.0 / 2.236)
 
 

@@ -65,12 +65,12 @@ class Body:
         self._rng = rng
         self._stretch = 1.0
         self._run: bool | None = None  # lined up or not; None before one begins
-        self._off = 0.0  # how far it stands off the wall that it has followed [rad]
+        self.off = 0.0  # how far it stands off the wall that it has lined up with [rad]
 
     def set_down(self, place: Place) -> None:
         """Put the robot somewhere; that ends its run."""
         self.place = place
-        self._run, self._off = None, 0.0
+        self._run, self.off = None, 0.0
 
     def turned(self, asked_deg: float) -> Place:
         """Return the place after a turn that was asked for [deg]; it ends the run."""
@@ -88,22 +88,15 @@ class Body:
     def _turn_noise(self, parts: float) -> float:
         return self._settings.turn_noise * math.sqrt(parts) * float(self._rng.standard_normal())
 
-    def line_up(self) -> None:
-        """Stand again as the wall does that was last followed."""
-        self.place = self.place.turned(-self._off)
-        self._off = 0.0
+    @property
+    def along_wall(self) -> Place:
+        """The place with the heading of the wall that it has lined up with: where it will go."""
+        return self.place.turned(-self.off)
 
-    def forget_wall(self) -> None:
-        """Have nothing to line up with again."""
-        self._off = 0.0
-
-    def leave_wall(self) -> None:
-        """Draw how far the robot stands off the wall that it has followed."""
-        settings = self._settings
-        if settings.alignment_spread:
-            half = math.radians(settings.alignment_spread)
-            self._off = half / settings.factor * float(self._rng.standard_normal())
-            self.place = self.place.turned(self._off)
+    def misalignment(self) -> float:
+        """Draw how far off a wall's direction the robot lines up with it [rad]."""
+        half, factor = math.radians(self._settings.alignment_spread), self._settings.factor
+        return half / factor * float(self._rng.standard_normal()) if half else 0.0
 
     def begin_run(self, lined_up: bool) -> None:
         """Draw what goes wrong with a run: a heading error that stays, and a length.
@@ -119,6 +112,7 @@ class Body:
         kick, stretch = (self._rng.standard_normal(2) / settings.factor).tolist()
         self._stretch = 1 + settings.along * stretch
         if not lined_up:
+            self.off = 0.0
             self.place = self.place.turned(settings.across * kick)
 
     def logged(self, distance: float) -> float:

@@ -132,7 +132,7 @@ class Navigation:
     def _follow(self, side: int) -> Generator[Motion, Done, int]:
         """Run along the wall at one side; at its end, or at a corner, decide how to go on."""
         steering, perception = self._steering, self._perception
-        place = steering.body.place
+        place = steering.body.along_wall
         beside = perception.side(place, side)
         if beside is None:
             return 0
@@ -234,8 +234,9 @@ class Navigation:
         turn = math.remainder(way - steering.body.place.heading, 2 * math.pi)
         side = -1 if turn > 0 else 1
         yield from self._turn_along(horizontal, -side)
-        free = perception.way_ahead(steering.body.place, 1.2).distance
-        lasts = perception.wall_lasts(steering.body.place, side, free) if free > 0 else 0.0
+        place = steering.body.along_wall
+        free = perception.way_ahead(place, 1.2).distance
+        lasts = perception.wall_lasts(place, side, free) if free > 0 else 0.0
         clear = self._settings.length / 2 + 2 * self._settings.gap
         if free > 0.05:
             yield from steering.run(min(free, lasts + clear), lined_up=True, wall_side=side)

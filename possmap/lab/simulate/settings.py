@@ -64,7 +64,7 @@ class MissionSettings:
     across: Annotated[NotNegative, "half-width of its end to the side, per metre [m/m]"] = 5.5 / 120
     factor: Annotated[Positive, "standard deviations in a half-width"] = 2.236
     alignment_spread: Annotated[
-        NotNegative, "half-width of the heading after a followed wall [deg]"
+        NotNegative, "half-width of its heading when lined up with a wall [deg]"
     ] = 0.0
     drift: Annotated[NotNegative, "of straight runs, its side drawn per robot [deg/m]"] = 0.0
     scale_sd: Annotated[NotNegative, "standard deviation of true over logged distance"] = 0.0

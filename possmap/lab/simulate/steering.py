@@ -120,12 +120,13 @@ class Steering:
     def line_up(self, true_heading: float) -> Steps:
         """Turn parallel to a wall by its readings; what is believed is what the wheels count.
 
-        Only a run along the wall makes it a right angle, since only that run tells the host.
+        It errs by its misalignment, which the wheels count as well. Only a run along the wall makes
+        it a right angle, since only that run tells the host.
         """
-        place = self.body.place
-        away = math.remainder(true_heading - place.heading, 2 * math.pi)
+        place, off = self.body.place, self.body.misalignment()
+        away = math.remainder(true_heading - place.heading, 2 * math.pi) + off
         yield from self._turn_to(place.turned(away), abs(math.degrees(away)))
-        self.body.forget_wall()
+        self.body.off = off
         counted = round(self.body.counted_turn(math.degrees(away)), 2)
         if counted:
             self._note_heading(self.book.belief.logged.heading_deg + counted, turned=True)
@@ -149,10 +150,8 @@ class Steering:
             The side of that wall, +1 left or -1 right.
         """
         body, set_out = self.body, self.time
-        if lined_up:
-            body.line_up()
         body.begin_run(lined_up)
-        start = body.place
+        start = body.along_wall if lined_up else body.place
         bend = body.bend(distance, lined_up)
         chord = start.turned(bend / 2)
         way = self.perception.way_ahead(chord, distance)
@@ -168,10 +167,8 @@ class Steering:
             followed = wall_side if lined_up else 0
             if any(piece.side == followed for piece in pieces):
                 self._believe_right_angle(set_out)
-            body.place = Motion(1.0, start, end).at(done.share)
+            body.place = Motion(1.0, start, end).at(done.share).turned(body.off)
             self._write_run(ran, pieces, followed)
-            if lined_up:
-                body.leave_wall()
             yield from self._hold(done)
         if way.stop == "bump" and not self.was_stopped:
             yield from self._back_off(way.across)
