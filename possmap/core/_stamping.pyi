@@ -12,6 +12,9 @@ def raise_(
     columns: int,
     segments: Buffer,
     pieces: Buffer,
+    lines: Buffer,
+    starts: Buffer,
+    knots: Buffer,
     resolution: float,
 ) -> None: ...
 def reinforce(
@@ -22,7 +25,10 @@ def reinforce(
     columns: int,
     segments: Buffer,
     pieces: Buffer,
-    resolution: float,
+    lines: Buffer,
+    starts: Buffer,
+    knots: Buffer,
     table: Buffer,
+    resolution: float,
 ) -> None: ...
 def touch(segments: Buffer, resolution: float) -> bytes: ...

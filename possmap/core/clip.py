@@ -7,8 +7,8 @@ deny the very wall that the same run proves.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import NamedTuple, Protocol
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,14 @@ class ClipLine(NamedTuple):
     normal_y: float
     offset: float
     one_sided: bool
+
+    def touch(self, resolution: float) -> float:
+        """Return how far from the line the centre of a cell that it touches may lie [m]."""
+        return resolution / 2 * (abs(self.normal_x) + abs(self.normal_y))
+
+
+Clips: TypeAlias = Sequence[tuple[ClipLine, ...]]
+"""The lines at which paths end, of some paths."""
 
 
 def clip_lines(run: CorrectedStretch, walls: Mapping[int, Placed]) -> tuple[ClipLine, ...]:
@@ -95,6 +103,24 @@ def spared(window: Window, lines: tuple[ClipLine, ...], resolution: float) -> ND
     mask = np.zeros(window.shape, dtype=np.bool_)
     for line in lines:
         distance = line.normal_y * y[:, None] + (line.normal_x * x - line.offset)
-        touch = resolution / 2 * (abs(line.normal_x) + abs(line.normal_y))
+        touch = line.touch(resolution)
         mask |= distance <= touch if line.one_sided else np.abs(distance) <= touch
     return mask
+
+
+def line_table(clips: Clips, resolution: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the lines of clips as numbers, for a compiled kernel.
+
+    Returns
+    -------
+    tuple
+        Rows of normal_x, normal_y, offset, touch and one_sided, shape (lines, 5); and where each
+        clip's rows begin, and the last one's end, shape (clips + 1,).
+    """
+    rows = [
+        (line.normal_x, line.normal_y, line.offset, line.touch(resolution), line.one_sided)
+        for lines in clips
+        for line in lines
+    ]
+    starts = np.cumsum([0, *map(len, clips)], dtype=np.int64)
+    return np.array(rows, dtype=np.float64).reshape(-1, 5), starts

@@ -7,22 +7,18 @@ strongest denial of each excursion (``dempster``). All are commutative and assoc
 
 from __future__ import annotations
 
-from functools import cache, reduce
-from itertools import pairwise
+from functools import cache
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from possmap.core import kernel
-from possmap.core.clip import spared
 from possmap.core.evidence import Layer
 from possmap.core.lattice import TILE, Window, tile_window
 from possmap.core.plan import TileWork
-from possmap.core.pyramid import FULL, Floats, Ints, Values, Weights
-from possmap.core.segment_table import COLUMNS, segment_of
+from possmap.core.pyramid import FULL, Floats, Values, Weights
 from possmap.core.settings import EvidenceSettings, FreeFusion
-from possmap.core.stamping import Piece, extent
 
 UNIT = 2**18
 """Weight of evidence 1 as an integer."""
@@ -33,10 +29,6 @@ CERTAIN = 16 * UNIT
 LayerArray: TypeAlias = Weights
 TileLayers: TypeAlias = dict[Layer, LayerArray]
 """The layers of one tile that are not pure ignorance, each of shape (TILE, TILE), 64 bits."""
-
-
-_MAX_ERROR = COLUMNS.index("max_error")
-_GROUP, _KNOWN = 3, 4
 
 
 @cache
@@ -87,47 +79,17 @@ def stamp_layer(
     array: LayerArray, window: Window, work: TileWork, layer: Layer, settings: EvidenceSettings
 ) -> None:
     """Add to an array of the cells of ``window`` what the work says of one layer there."""
-    pieces, resolution = work.pieces[layer], settings.resolution
-    if layer is not Layer.FREE:
-        table = wall_table(settings.certainty_power)
-        kernel.reinforce(array, window, work.segments, pieces, resolution, table)
-    elif settings.free_fusion == "minimum":
+    segments, pieces, resolution = work.segments, work.pieces[layer], settings.resolution
+    if layer is Layer.FREE and settings.free_fusion == "minimum":
         denials = array.astype(np.uint16)
-        _deny(denials, window, work, pieces, resolution)
+        kernel.raise_block(denials, window, segments, pieces, resolution, work.clips)
         array[:] = denials
+        return
+    if layer is Layer.FREE:
+        table = denial_table(settings.pass_weight)
     else:
-        _deny_by_excursion(array, window, work, pieces, settings)
-
-
-def _deny_by_excursion(
-    weights: Weights, window: Window, work: TileWork, pieces: Ints, settings: EvidenceSettings
-) -> None:
-    """Add what the strongest denial of each group, an excursion, weighs; or by how much it grew."""
-    table = denial_table(settings.pass_weight)
-    starts = np.flatnonzero(np.diff(pieces[:, _GROUP], prepend=-1, append=-1)).tolist()
-    for start, stop in pairwise(starts):
-        group = pieces[start:stop]
-        if not work.apart(group).any():
-            kernel.reinforce(weights, window, work.segments, group, settings.resolution, table)
-            continue
-        region = _extent(work, group, settings.resolution).intersection(window)
-        denials: Values = np.zeros(region.shape, dtype=np.uint16)
-        is_known = group[:, _KNOWN] != 0
-        target = weights[region.slices_in(window)]
-        if is_known.any():
-            _deny(denials, region, work, group[is_known], settings.resolution)
-            target -= table[denials]
-        _deny(denials, region, work, group[~is_known], settings.resolution)
-        target += table[denials]
-
-
-def _extent(work: TileWork, pieces: Ints, resolution: float) -> Window:
-    """Return a window of all cells that pieces may touch."""
-    windows = [
-        extent(Piece(segment_of(work.segments[number]), first, last), resolution)
-        for number, first, last, *_ in pieces.tolist()
-    ]
-    return reduce(Window.union, windows)
+        table = wall_table(settings.certainty_power)
+    kernel.reinforce(array, window, segments, pieces, resolution, table, work.clips)
 
 
 def merged(one: TileLayers, other: TileLayers, free_fusion: FreeFusion) -> TileLayers:
@@ -146,24 +108,6 @@ def merged(one: TileLayers, other: TileLayers, free_fusion: FreeFusion) -> TileL
 def blank(_: Layer | None = None) -> LayerArray:
     """Return a layer of a tile of pure ignorance: nothing denied, no weight."""
     return np.zeros((TILE, TILE), dtype=np.int64)
-
-
-def _deny(array: Values, window: Window, work: TileWork, pieces: Ints, resolution: float) -> None:
-    """Raise a tile's denials to those of free paths, which end at the lines that clip them."""
-    apart = work.apart(pieces)
-    kernel.raise_block(
-        array, window, work.segments, np.ascontiguousarray(pieces[~apart]), resolution
-    )
-    for number, first, last, *_, clip in pieces[apart].tolist():
-        row = work.segments[number]
-        piece = Piece(segment_of(row), first, last)
-        region = extent(piece, resolution).intersection(window)
-        values = np.zeros(region.shape, dtype=np.uint16)
-        kernel.stamp(values, region, piece, resolution, float(row[_MAX_ERROR]))
-        if clip >= 0:
-            values[spared(region, work.clips[clip], resolution)] = 0
-        target = array[region.slices_in(window)]
-        np.maximum(target, values, out=target)
 
 
 def necessity_of(weights: Weights) -> NDArray[np.float64]:

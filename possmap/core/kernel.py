@@ -8,7 +8,9 @@ Segments are rows of ``segment_table``. Pieces are rows of 64-bit integers:
 segment, first, last : a segment's number, and the stamps k = first..last of it.
 group : pieces of one group stand one after the other: inside it the maximum counts (METHOD §3).
 known : 1 if the weights already hold the piece; else 0.
-clip : not the kernel's business.
+clip : which of the clips ends the path, or -1.
+
+Clips are tuples of the lines at which paths end (``clip``).
 """
 
 from __future__ import annotations
@@ -18,10 +20,12 @@ import os
 import numpy as np
 
 from possmap.core import plain_kernel, stamping
+from possmap.core.clip import Clips, line_table
 from possmap.core.lattice import Window
 from possmap.core.pyramid import Floats, Ints, Values, Weights
-from possmap.core.segment_table import table_of
+from possmap.core.segment_table import COLUMNS, table_of
 from possmap.core.stamping import Piece
+from possmap.core.swath import normal_table
 
 try:
     if os.environ.get("POSSMAP_KERNEL") == "numpy":
@@ -31,6 +35,8 @@ except ImportError:
     COMPILED = False
 else:
     COMPILED = True
+
+_WIDTH = COLUMNS.index("width")
 
 
 def description() -> str:
@@ -52,7 +58,12 @@ def touch(segments: Floats, resolution: float) -> Ints:
 
 
 def raise_block(
-    block: Values, window: Window, segments: Floats, pieces: Ints, resolution: float
+    block: Values,
+    window: Window,
+    segments: Floats,
+    pieces: Ints,
+    resolution: float,
+    clips: Clips = (),
 ) -> None:
     """Raise a block to the maximum of itself and the stamps of pieces, in place.
 
@@ -60,18 +71,17 @@ def raise_block(
     ----------
     block
         16-bit values of the cells of ``window``, shape (rows, columns).
-    segments
-        None of them with a swath.
     pieces
         Their groups do not matter.
     """
     if COMPILED and block.flags.c_contiguous:
         if block.size:
             compiled.raise_(
-                block, window.row0, window.column0, *window.shape, segments, pieces, resolution
-            )
+                block, window.row0, window.column0, *window.shape,
+                segments, pieces, *line_table(clips, resolution), _knots(segments), resolution,
+            )  # fmt: skip
     else:
-        plain_kernel.raise_block(block, window, segments, pieces, resolution)
+        plain_kernel.raise_block(block, window, segments, pieces, resolution, clips)
 
 
 def reinforce(
@@ -81,6 +91,7 @@ def reinforce(
     pieces: Ints,
     resolution: float,
     table: Weights,
+    clips: Clips = (),
 ) -> None:
     """Add the weight of each group's maximum, or by how much it grows, in place (METHOD §3).
 
@@ -88,22 +99,25 @@ def reinforce(
     ----------
     weights
         Of the cells of ``window``, shape (rows, columns).
-    segments
-        None of them with a swath.
     table
         The weight of each 16-bit value, shape (65536,).
     """
     if COMPILED and weights.flags.c_contiguous:
         compiled.reinforce(
-            weights, window.row0, window.column0, *window.shape, segments, pieces, resolution, table
-        )
+            weights, window.row0, window.column0, *window.shape,
+            segments, pieces, *line_table(clips, resolution), _knots(segments), table, resolution,
+        )  # fmt: skip
     else:
-        plain_kernel.reinforce(weights, window, segments, pieces, resolution, table)
+        plain_kernel.reinforce(weights, window, segments, pieces, resolution, table, clips)
+
+
+def _knots(segments: Floats) -> Floats:
+    return normal_table() if segments[:, _WIDTH].any() else np.zeros((0, 3))
 
 
 def stamp(block: Values, window: Window, piece: Piece, resolution: float, max_error: float) -> None:
     """Raise a block to the maximum of itself and one piece: ``stamping.stamp``, faster."""
-    if not COMPILED or piece.segment.swath is not None:
+    if not COMPILED:
         stamping.stamp(block, window, piece, resolution, max_error)
         return
     row = np.array([[0, piece.first, piece.last, 0, 0, -1]], dtype=np.int64)

@@ -9,6 +9,7 @@ from itertools import groupby
 
 import numpy as np
 
+from possmap.core.clip import Clips, spared
 from possmap.core.lattice import Window
 from possmap.core.pyramid import Floats, Ints, Values, Weights
 from possmap.core.segment_table import COLUMNS, segment_of
@@ -27,12 +28,25 @@ def touch(segments: Floats, resolution: float) -> Ints:  # noqa: D103
 
 
 def raise_block(  # noqa: D103
-    block: Values, window: Window, segments: Floats, pieces: Ints, resolution: float
+    block: Values,
+    window: Window,
+    segments: Floats,
+    pieces: Ints,
+    resolution: float,
+    clips: Clips = (),
 ) -> None:
-    for number, first, last, *_ in pieces.tolist():
+    for number, first, last, *_, clip in pieces.tolist():
         row = segments[number]
-        piece = Piece(segment_of(row), first, last)
-        stamp(block, window, piece, resolution, float(row[_MAX_ERROR]))
+        piece, max_error = Piece(segment_of(row), first, last), float(row[_MAX_ERROR])
+        if clip < 0:
+            stamp(block, window, piece, resolution, max_error)
+            continue
+        region = extent(piece, resolution).intersection(window)
+        values: Values = np.zeros(region.shape, dtype=np.uint16)
+        stamp(values, region, piece, resolution, max_error)
+        values[spared(region, clips[clip], resolution)] = 0
+        target = block[region.slices_in(window)]
+        np.maximum(target, values, out=target)
 
 
 def reinforce(  # noqa: D103
@@ -42,15 +56,16 @@ def reinforce(  # noqa: D103
     pieces: Ints,
     resolution: float,
     table: Weights,
+    clips: Clips = (),
 ) -> None:
     for _, group in groupby(pieces.tolist(), key=lambda piece: piece[3]):
         some = np.array(list(group), dtype=np.int64)
         region = _extent(segments, some, window, resolution)
         values: Values = np.zeros(region.shape, dtype=np.uint16)
         known = some[:, 4] != 0
-        raise_block(values, region, segments, some[known], resolution)
+        raise_block(values, region, segments, some[known], resolution, clips)
         before = table[values]
-        raise_block(values, region, segments, some[~known], resolution)
+        raise_block(values, region, segments, some[~known], resolution, clips)
         weights[region.slices_in(window)] += table[values] - before
 
 

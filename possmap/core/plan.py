@@ -15,21 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from possmap.core import kernel
-from possmap.core.clip import ClipLine
+from possmap.core.clip import Clips
 from possmap.core.evidence import Evidence, Findings, Layer
 from possmap.core.lattice import TileKey
 from possmap.core.pyramid import Floats, Ints
-from possmap.core.segment_table import COLUMNS, table_of
+from possmap.core.segment_table import table_of
 from possmap.core.settings import EvidenceSettings
 
 Touched: TypeAlias = list[tuple[int, int, int]]
 """Row and column of a tile, and the index of a record that touches it; sorted."""
 
-Clips: TypeAlias = tuple[tuple[ClipLine, ...], ...]
-
 _ROW, _COLUMN, _LAYER, _SEGMENT, _FIRST, _LAST, _GROUP, _KNOWN, _CLIP = range(9)
 _PLACE = [_ROW, _COLUMN, _LAYER]
-_WIDTH = COLUMNS.index("width")
 
 
 class TileWork(NamedTuple):
@@ -45,11 +42,6 @@ class TileWork(NamedTuple):
     segments: Floats
     pieces: dict[Layer, Ints]
     clips: Clips
-
-    def apart(self, pieces: Ints) -> NDArray[np.bool_]:
-        """Return which pieces need more than the kernel: those clipped, and swaths."""
-        found: NDArray[np.bool_] = (pieces[:, -1] >= 0) | (self.segments[pieces[:, 0], _WIDTH] > 0)
-        return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,15 +33,21 @@ _LEAST = 1e-12
 
 def normal_share(z: Floats) -> Floats:
     """Return the normal distribution up to z, to 1e-7; NumPy has none."""
-    share: Floats = np.interp(z, *_normal_table())
+    known, shares, _ = normal_table().T
+    share: Floats = np.interp(z, known, shares)
     return share
 
 
 @cache
-def _normal_table() -> tuple[Floats, Floats]:
-    # Only when somebody asks: it takes milliseconds, and most grids have no swath.
+def normal_table() -> Floats:
+    """Return knots of the normal distribution: z, the share up to it, and the slope behind it.
+
+    The shape is (6001, 3), z from -6 to 6; the last slope is 0.
+    """
+    # Only when somebody asks: it takes milliseconds.
     z = np.linspace(-6, 6, 6001)
-    return z, np.array([(1 + math.erf(one / math.sqrt(2))) / 2 for one in z])
+    share = np.array([(1 + math.erf(one / math.sqrt(2))) / 2 for one in z])
+    return np.stack([z, share, np.append(np.diff(share) / np.diff(z), 0.0)], axis=1)
 
 
 def reach(some: Stamps, segment: Segment, resolution: float) -> Ints:
@@ -75,7 +81,7 @@ def sweep(
         raise ValueError("expected a segment with a swath")
     half = max(segment.swath.width, resolution) / 2 + HAIR * resolution
     step_x, step_y = segment.x1 - segment.x0, segment.y1 - segment.y0
-    length = math.hypot(step_x, step_y)
+    length = math.sqrt(step_x * step_x + step_y * step_y)
     # A run that the correction shrinks to nothing: any direction will do.
     ahead_x, ahead_y = (step_x / length, step_y / length) if length else (1.0, 0.0)
     y = ((np.arange(window.row0, window.row1) + 0.5) * resolution - segment.y0)[:, None]
@@ -94,12 +100,9 @@ def sweep(
         return
     along, across, half_x, half_y = (array[heard] for array in (along, across, half_x, half_y))
     # Times the factor, not divided by it: no factor may make a deviation overflow.
-    sharp_across = segment.swath.factor / np.maximum(
-        np.hypot(ahead_y * half_x, ahead_x * half_y), _LEAST
-    )
-    sharp_along = segment.swath.factor / np.maximum(
-        np.hypot(ahead_x * half_x, ahead_y * half_y), _LEAST
-    )
+    factor = segment.swath.factor
+    sharp_across = factor / np.maximum(_root(ahead_y * half_x, ahead_x * half_y), _LEAST)
+    sharp_along = factor / np.maximum(_root(ahead_x * half_x, ahead_y * half_y), _LEAST)
     value = _between((half - across) * sharp_across, (-half - across) * sharp_across)
     value *= _between((along + half) * sharp_along, (along - length - half) * sharp_along)
     block[heard] = np.maximum(block[heard], quantised(value))
@@ -118,6 +121,12 @@ def _by_stamps(
     before = np.floor(share * count_of(segment, resolution))
     near: NDArray[np.bool_] = (before + 1 >= first) & (before <= last)
     return near
+
+
+def _root(one: Floats, other: Floats) -> Floats:
+    # No hypot: every machine rounds a root alike, and so do C and NumPy.
+    root: Floats = np.sqrt(one * one + other * other)
+    return root
 
 
 def _between(upper: Floats, lower: Floats) -> NDArray[np.float64]:

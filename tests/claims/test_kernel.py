@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from possmap.core import kernel, plain_kernel
+from possmap.core.clip import ClipLine, Clips
 from possmap.core.evidence import Segment, Swath
 from possmap.core.fusion import WEIGHT
 from possmap.core.lattice import Window
@@ -35,11 +37,24 @@ def segments(draw: st.DrawFn, swaths: bool = False) -> Segment:
     x1 = x if way in ("point", "along y") else x + draw(st.floats(-8, 8))
     y1 = y if way in ("point", "along x") else y + draw(st.floats(-8, 8))
     rects = [ErrorRectangle(draw(halves), draw(halves)) for _ in range(2)]
-    swath = Swath(0.2, 2.0) if swaths and draw(st.booleans()) else None
+    width = draw(st.sampled_from([0.0, 0.2]) | st.floats(0.01, 0.9)) if swaths else 0.0
+    swath = Swath(width, draw(st.sampled_from([2.0, 2.236]))) if width else None
     return Segment(0, x, y, x1, y1, *rects, swath)
 
 
-tables = st.builds(table_of, st.lists(segments(), min_size=1, max_size=6), st.floats(0.3, 1.2))
+tables = st.builds(
+    table_of, st.lists(segments(swaths=True), min_size=1, max_size=6), st.floats(0.3, 1.2)
+)
+
+
+@st.composite
+def lines(draw: st.DrawFn) -> ClipLine:
+    angle = draw(st.sampled_from([0.0, 0.5, 1.0, 1.5]) | st.floats(0, 2)) * math.pi
+    offset = draw(st.sampled_from([0.0, 0.05, -1.0]) | st.floats(-8, 8))
+    return ClipLine(math.cos(angle), math.sin(angle), offset, draw(st.booleans()))
+
+
+clips = st.lists(st.lists(lines(), max_size=3).map(tuple), max_size=3)
 
 
 @given(st.lists(segments(swaths=True), max_size=6), st.floats(0.3, 1.2))
@@ -61,53 +76,63 @@ def test_compiled_and_plain_find_the_same_stamps_in_the_same_tiles(
     )
 
 
-def pieces_of(table: kernel.Floats, resolution: float) -> kernel.Ints:
+def pieces_of(table: kernel.Floats, resolution: float, clips: Clips) -> kernel.Ints:
+    """Return a piece of each segment, two of them in a group, clipped by one after the other."""
     spans = [relevant(segment_of(row), resolution, float(row[8])) for row in table]
-    rows = [(n, *span, n // 2, n % 2, -1) for n, span in enumerate(spans) if span is not None]
+    rows = [
+        (n, *span, n // 2, n % 2, n % (len(clips) + 1) - 1)
+        for n, span in enumerate(spans)
+        if span is not None
+    ]
     return np.array(sorted(rows, key=lambda row: (row[3], -row[4])), dtype=np.int64).reshape(-1, 6)
 
 
 @compiled_only
-@given(tables, resolutions, st.integers(1, 40), st.integers(1, 40))
+@given(tables, resolutions, clips, st.integers(1, 40), st.integers(1, 40))
 @settings(max_examples=150)
 def test_compiled_and_plain_raise_to_the_same_values(
-    table: kernel.Floats, resolution: float, rows: int, columns: int
+    table: kernel.Floats, resolution: float, clips: Clips, rows: int, columns: int
 ) -> None:
-    pieces = pieces_of(table, resolution)
+    pieces = pieces_of(table, resolution, clips)
     for window in (WINDOW, Window(-5, rows - 5, -3, columns - 3)):
         found, expected = (np.full(window.shape, 77, dtype=np.uint16) for _ in range(2))
-        kernel.raise_block(found, window, table, pieces, resolution)
-        plain_kernel.raise_block(expected, window, table, pieces, resolution)
+        kernel.raise_block(found, window, table, pieces, resolution, clips)
+        plain_kernel.raise_block(expected, window, table, pieces, resolution, clips)
         assert np.array_equal(found, expected)
 
 
 @compiled_only
-@given(tables, resolutions)
+@given(tables, resolutions, clips)
 @settings(max_examples=150)
 def test_compiled_and_plain_reinforce_by_the_same_weights(
-    table: kernel.Floats, resolution: float
+    table: kernel.Floats, resolution: float, clips: Clips
 ) -> None:
-    pieces = pieces_of(table, resolution)
+    pieces = pieces_of(table, resolution, clips)
     found, expected = (np.full(WINDOW.shape, 5, dtype=np.int64) for _ in range(2))
-    kernel.reinforce(found, WINDOW, table, pieces, resolution, WEIGHT)
-    plain_kernel.reinforce(expected, WINDOW, table, pieces, resolution, WEIGHT)
+    kernel.reinforce(found, WINDOW, table, pieces, resolution, WEIGHT, clips)
+    plain_kernel.reinforce(expected, WINDOW, table, pieces, resolution, WEIGHT, clips)
     assert np.array_equal(found, expected)
 
 
 @compiled_only
 @pytest.mark.parametrize(
-    ("cells", "segment"),
-    [((WINDOW.shape[0], WINDOW.shape[1] - 1), 0), (WINDOW.shape, 1), (WINDOW.shape, -1)],
+    ("cells", "segment", "clip"),
+    [
+        ((WINDOW.shape[0], WINDOW.shape[1] - 1), 0, -1),
+        (WINDOW.shape, 1, -1),
+        (WINDOW.shape, -1, -1),
+        (WINDOW.shape, 0, 0),
+    ],
 )
 def test_what_does_not_fit_is_refused_before_a_cell_is_written(
-    cells: tuple[int, int], segment: int
+    cells: tuple[int, int], segment: int, clip: int
 ) -> None:
     rect = ErrorRectangle(0.3, 0.3)
     table = table_of([Segment(0, 1.0, 1.0, 2.0, 1.0, rect, rect)], 1.0)
     block = np.zeros(cells, dtype=np.uint16)
-    with pytest.raises((ValueError, IndexError)):
+    with pytest.raises(ValueError, match=r"shape|a piece of no"):
         kernel.raise_block(
-            block, WINDOW, table, np.array([[segment, 0, 5, 0, 0, -1]], dtype=np.int64), 0.05
+            block, WINDOW, table, np.array([[segment, 0, 5, 0, 0, clip]], dtype=np.int64), 0.05
         )
     assert not block.any()
 
