@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from possmap.errors import SettingsError, printable
-from possmap.settings.setting_table import SHAPING, Given, GivenSettings, Value, merged
+from possmap.settings.setting_table import SHAPING, Given, GivenSettings, Value
 from possmap.settings.settings import Settings, assemble, scalar
 
 DEFAULT_PROFILE = "robust"
@@ -45,7 +45,7 @@ class Request:
             profile = read_profile(self.profile) if self.profile else {}
             config = read_settings(self.config) if self.config else {}
             levels = [profile, config, *levels]
-        return merged(levels)
+        return {name: one for level in levels for name, one in level.items()}
 
 
 def in_force(

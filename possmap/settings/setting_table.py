@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple, TypeAlias
 
@@ -92,11 +92,3 @@ def known_setting(name: str, origin: str) -> Kind:
         known = "; possmap config lists the known ones"
         raise SettingsError(f"{origin}: unknown setting {shown(name)}{guess or known}")
     return KNOWN[name]
-
-
-def merged(levels: Iterable[GivenSettings]) -> dict[str, Given]:
-    """Merge levels, the weakest first; a robot's entries merge parameter by parameter."""
-    result: dict[str, Given] = {}
-    for level in levels:
-        result.update(level)
-    return result

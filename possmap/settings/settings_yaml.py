@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import yaml
 
 from possmap.core.model import PARAMETERS
-from possmap.errors import printable
 from possmap.settings.kinds import Kind
 from possmap.settings.setting_table import (
     OF_A_CALL,
@@ -46,38 +45,27 @@ def read_settings(path: Path) -> GivenSettings:
         ``file:line: name, value found, what was expected``.
     """
     root = read_yaml(path, "a settings file")
-    return {
-        name: parse_setting(name, text, f"{printable(str(path))}:{line}")
-        for name, text, line in _flattened(root)
-    }
-
-
-def _flattened(root: yaml.Node | None) -> Iterator[tuple[str, str, int]]:
-    """Yield flat name, text and line of each value; scalars keep the text that was written."""
     if root is None:
-        return
+        return {}
+    given: dict[str, Given] = {}
     for key, node, name in members(root, "expected name: value"):
         if key != "robots":
             known_setting(key, place(name))
-            yield key, _text(node, key), _line(name)
-            continue
-        if is_null(node):
-            continue
-        for robot, parameters, _ in members(node, "expected robot: {parameter: value}", key):
-            own = f"robots.{robot}"
-            for parameter, value, at in members(parameters, "expected parameter: value", own):
-                yield f"{own}.{parameter}", _text(value, f"{own}.{parameter}"), _line(at)
+            given[key] = _given(key, node, name)
+        elif not is_null(node):
+            for robot, own, _ in members(node, "expected robot: {parameter: value}", key):
+                for parameter, value, at in members(
+                    own, "expected parameter: value", f"robots.{robot}"
+                ):
+                    flat_name = f"robots.{robot}.{parameter}"
+                    given[flat_name] = _given(flat_name, value, at)
+    return given
 
 
-def _text(node: yaml.Node, key: str) -> str:
+def _given(key: str, node: yaml.Node, name: yaml.Node) -> Given:
     if not isinstance(node, yaml.ScalarNode):
         raise refusal(node, key, "expected one value")
-    return str(node.value)
-
-
-def _line(node: yaml.Node) -> int:
-    line: int = node.start_mark.line + 1
-    return line
+    return parse_setting(key, str(node.value), place(name))
 
 
 def to_yaml(settings: Settings) -> str:

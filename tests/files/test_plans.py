@@ -94,11 +94,6 @@ def test_walls_are_the_outlines_of_what_is_not_white_with_the_first_row_on_top(
     assert (-2.95, 2.05, -2.7, 2.05) in outline(there)
 
 
-def test_free_floor_at_the_rim_of_an_image_ends_there(tmp_path: Path) -> None:
-    plan = read_image(saved(tmp_path, pixels("..\n..")), 0.5)
-    assert outline(plan) == {(0, 0, 1, 0), (0, 1, 1, 1), (0, 0, 0, 1), (1, 0, 1, 1)}
-
-
 @given(arrays(np.bool_, st.tuples(st.integers(1, 6), st.integers(1, 6))))
 def test_walls_enclose_just_the_free_cells(free: np.ndarray) -> None:
     walls = Plan(free, 1.0, (0.0, 0.0)).walls()

@@ -140,25 +140,6 @@ def test_what_is_wrong_is_told_with_its_line(text: str, expected: str, tmp_path:
 
 
 @pytest.mark.parametrize(
-    "text",
-    [
-        "robots: {r1: {drift: 1}}\nrobots: {r2: {drift: 1}}",
-        "robots: {}\nrobots: {}",
-        "robots:\n  r1: {drift: 1}\n  r1: {scale: 1}",
-    ],
-)
-def test_robots_given_twice_are_refused_like_any_other_name(text: str, tmp_path: Path) -> None:
-    assert refusal(tmp_path, text).endswith("is given twice")
-
-
-def test_two_documents_are_refused_in_words(tmp_path: Path) -> None:
-    message = refusal(tmp_path, "drift: 1\n---\ndrift: 2\n")
-    assert message == (
-        "2: not YAML: expected a single document in the stream: but found another document"
-    )
-
-
-@pytest.mark.parametrize(
     ("data", "expected"),
     [
         (b"drift: \xff1", " not UTF-8 text, expected a settings file"),
@@ -169,11 +150,6 @@ def test_two_documents_are_refused_in_words(tmp_path: Path) -> None:
 )
 def test_what_is_no_text_is_refused(data: bytes, expected: str, tmp_path: Path) -> None:
     assert refusal(tmp_path, data).startswith(expected)
-
-
-def test_a_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(SettingsError, match=r": cannot be read: Is a directory$"):
-        read_settings(tmp_path)
 
 
 YAML_BITS = st.sampled_from(

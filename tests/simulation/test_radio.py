@@ -47,16 +47,6 @@ def test_what_a_robot_relays_is_a_beginning_of_what_its_author_wrote(mission: Mi
     assert relayed > 0
 
 
-def test_the_host_gets_all_that_a_home_comer_held(mission: Mission) -> None:
-    for one in excursions(mission):
-        log = one.book.as_log()
-        assert (log["robot"], log["excursion"]) == (one.robot, one.excursion)
-        assert log["records"] == one.book.own.records
-        delivered = {(c["robot"], c["excursion"]): c["records"] for c in log.get("carried", [])}
-        held = {name: h.records for name, h in one.book.relayed.items() if h.records}
-        assert delivered == held
-
-
 def test_all_logs_fuse_without_a_conflict(mission: Mission, tmp_path: Path) -> None:
     summary = fuse(write_logs(tmp_path, logs_of(mission)), tmp_path / "site.possmap", {})
     assert summary.records_new == sum(host_knows(in_order(mission)).values())
@@ -181,16 +171,6 @@ def test_without_exchange_nothing_is_handed_over() -> None:
         assert not silent.meetings
         assert all("carried" not in one.book.as_log() for one in excursions(silent))
     assert two_in_a_hall().meetings
-
-
-def test_walls_are_in_the_way_of_the_link() -> None:
-    """Two halves of a hall, a robot in each: 0.4 m apart at times, and never in sight."""
-    world = hall(4, 4)
-    split = type(world)(
-        "split", np.concatenate([world.walls, [[0.0, 2.0, 4.0, 2.0]]]), world.drops, (2.0, 1.0)
-    )
-    assert not split.sees(1.0, 1.8, 1.0, 2.2)
-    assert split.sees(1.0, 1.8, 3.0, 1.8)
 
 
 # Who yields.

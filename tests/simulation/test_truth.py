@@ -87,10 +87,6 @@ def test_a_robot_without_errors_believes_where_it_is(sound: Mission) -> None:
         assert np.abs(off).max() < 0.1
 
 
-def test_robots_without_errors_come_home(sound: Mission) -> None:
-    assert [one.fate for one in excursions(sound)] == ["home"] * len(list(excursions(sound)))
-
-
 def test_robots_without_errors_bring_home_the_true_map(sound: Mission, tmp_path: Path) -> None:
     grid = tmp_path / "site.possmap"
     exact = {"accept_models": False, "along": 0.0, "across": 0.0, "turn_spread": 0.0}
