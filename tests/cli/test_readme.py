@@ -12,6 +12,8 @@ from click.testing import CliRunner
 
 from possmap.cli.main import COMMANDS, main
 
+pytestmark = pytest.mark.default_profile
+
 ROOT = Path(__file__).parents[2]
 DEMO = ROOT / "docs/pictures/demo.png"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
