@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
+from teams import ROBUST
 
 import possmap
 from possmap.core.evidence import Layer
@@ -71,7 +72,7 @@ def apart(one: NDArray[np.int64], other: NDArray[np.int64]) -> NDArray[np.int64]
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("map") / "site.possmap"
-    possmap.fuse(DATA, path)
+    possmap.fuse(DATA, path, ROBUST)
     return path
 
 
