@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -15,6 +16,8 @@ from possmap.core.model import ErrorModel
 from possmap.lab.calibrate.report import sheet
 from possmap.lab.calibrate.robots import calibrate
 from possmap.lab.calibrate.trials import Trial
+
+pytestmark = pytest.mark.thorough
 
 
 @st.composite

@@ -16,6 +16,8 @@ from possmap.lab.calibrate.heading import TERMS
 from possmap.lab.calibrate.model import fit_model, paper_model
 from possmap.lab.calibrate.rectangles import hold
 
+pytestmark = pytest.mark.thorough
+
 REPETITIONS = 200
 LEAST = 0.95 - 3 * math.sqrt(0.95 * 0.05 / REPETITIONS)
 """Three standard errors of a share of so many repetitions below 95 %."""

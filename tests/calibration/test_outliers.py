@@ -21,6 +21,8 @@ from possmap.lab.calibrate.trials_file import repeated
 from possmap.lab.calibrate.variance_ratio import for_tracks, variance_ratio
 from possmap.lab.calibrate.words import findings
 
+pytestmark = pytest.mark.thorough
+
 
 def rng(seed: int = 1) -> np.random.Generator:
     return np.random.default_rng(seed)

@@ -16,6 +16,8 @@ from possmap.lab.calibrate.trials import Trial
 from possmap.lab.calibrate.words import findings
 from possmap.lab.evaluate.frame import distances
 
+pytestmark = pytest.mark.thorough
+
 PAPERS = Faults(turn_gain=0.0, drift=0.0, scale=1.0)
 
 

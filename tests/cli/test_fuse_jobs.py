@@ -24,6 +24,8 @@ from possmap.cli.main import main
 PEAK = """
 import sys
 from possmap.cli.main import main
+
+pytestmark = pytest.mark.thorough
 try:
     main(sys.argv[1:])
 finally:

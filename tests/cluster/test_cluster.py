@@ -24,6 +24,8 @@ pytest.importorskip("distributed")
 
 from cluster.machines import Machines, machines
 
+pytestmark = pytest.mark.thorough
+
 LOGS = 36
 SMALL: Mapping[str, Any] = {"transaction_records": 150, "max_error": 0.8}
 PROFILES = {"paper": SMALL, "robust": {**ROBUST, **SMALL}}

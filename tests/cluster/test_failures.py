@@ -27,6 +27,8 @@ pytest.importorskip("distributed")
 
 from cluster.machines import machines
 
+pytestmark = pytest.mark.thorough
+
 AtExcursion: TypeAlias = Callable[[int, Callable[[], None]], None]
 LOGS = 24
 SMALL = Request(

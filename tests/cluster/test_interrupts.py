@@ -17,7 +17,10 @@ from processes import hear_ctrl_c, members, workers
 from teams import digest, write_logs
 
 pytest.importorskip("distributed")
-pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs Linux's /proc")
+pytestmark = [
+    pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs Linux's /proc"),
+    pytest.mark.thorough,
+]
 
 PATIENCE = 60.0
 """Seconds in which anything should happen."""

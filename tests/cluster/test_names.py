@@ -20,6 +20,8 @@ pytest.importorskip("distributed")
 
 from cluster.machines import machines
 
+pytestmark = pytest.mark.thorough
+
 
 def _write(path: Path, log: dict[str, Any]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)

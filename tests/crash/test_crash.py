@@ -21,10 +21,13 @@ Figures: TypeAlias = Mapping[str, Any]
 RUN = Path(__file__).with_name("run.py")
 PARTS = ("kills", "faults", "cuts", "weaker", "waits", "rounds")
 
-pytestmark = pytest.mark.skipif(
-    not sys.platform.startswith("linux") or shutil.which("cc") is None,
-    reason="needs Linux and a C compiler",
-)
+pytestmark = [
+    pytest.mark.skipif(
+        not sys.platform.startswith("linux") or shutil.which("cc") is None,
+        reason="needs Linux and a C compiler",
+    ),
+    pytest.mark.thorough,
+]
 
 
 def survived(*options: str, **asked: int) -> Figures:

@@ -12,6 +12,8 @@ import pytest
 from fuzz.corpus import CASES
 from fuzz.making import Case
 
+pytestmark = pytest.mark.thorough
+
 TESTS = Path(__file__).parents[1]
 SECONDS = 30.0
 """Of CPU time, for any of them; the slowest take a few."""
