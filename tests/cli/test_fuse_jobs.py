@@ -33,6 +33,9 @@ finally:
         print(*[int(line.split()[1]) // 1024 for line in status if line.startswith("VmHWM")])
 """
 
+PAPER = ("--profile", "paper")
+"""Named, for a process of its own and a module's fixture take no notice of conftest.py."""
+
 linux = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="looks into /proc")
 
 
@@ -89,8 +92,9 @@ class Running:
 
     def __init__(self, grid: Path, *args: object) -> None:
         command = [sys.executable, "-m", "possmap", "fuse", *map(str, args), "-g", str(grid)]
+        command += [*PAPER, "--jobs", "2"]
         self.process = subprocess.Popen(
-            [*command, "--jobs", "2"],
+            command,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -119,7 +123,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """Return logs, and the digest of what one process makes of them."""
     folder = tmp_path_factory.mktemp("undisturbed")
     some(folder / "logs", 90, 2000)
-    assert run("fuse", folder / "logs", "-g", folder / "site.possmap").exit_code == 0
+    assert run("fuse", folder / "logs", "-g", folder / "site.possmap", *PAPER).exit_code == 0
     return folder / "logs", digest(folder / "site.possmap")
 
 
@@ -153,7 +157,7 @@ def test_a_process_that_dies_while_it_sends_ends_the_run(
         "possmap: a process of --jobs ended early, perhaps for want of memory; the grid holds "
         "whole logs only, and the same command completes the job\n",
     )
-    assert run("fuse", logs, "-g", grid).exit_code == 0
+    assert run("fuse", logs, "-g", grid, *PAPER).exit_code == 0
     assert digest(grid) == whole
 
 
@@ -180,7 +184,7 @@ def test_what_the_whole_group_is_told_ends_the_run_once(
         os.killpg(running.process.pid, number)
         assert running.end() == (code, told)
         assert workers(running.process.pid) == set()
-    assert run("fuse", logs, "-g", grid).exit_code == 0
+    assert run("fuse", logs, "-g", grid, *PAPER).exit_code == 0
     assert digest(grid) == whole
 
 
