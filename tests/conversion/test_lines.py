@@ -22,7 +22,7 @@ RIGHT, AHEAD, LEFT = 0, 1, 2
 
 
 def walls_in(track: Samples, beam: int) -> tuple[list[FittedWall], Ints]:
-    return walls_of(beam, hits(track, SIDES, SETTINGS.reach)[beam], track, SETTINGS)
+    return walls_of(hits(track, SIDES, SETTINGS.reach)[beam], track, SETTINGS)
 
 
 def all_walls(track: Samples) -> list[FittedWall]:
@@ -61,7 +61,9 @@ def test_a_line_keeps_to_its_points_though_a_third_of_them_lie_far_off(
 
 def test_a_wall_to_the_left_is_found_as_long_as_it_was_seen() -> None:
     (wall,), loose = walls_in(past(np.full(41, 0.7)), LEFT)
-    assert wall.start == pytest.approx((0, 0.7)) and wall.end == pytest.approx((2, 0.7))
+    assert wall.point(wall.along[0]) == pytest.approx((0, 0.7)) and wall.end == pytest.approx(
+        (2, 0.7)
+    )
     assert not len(loose)
 
 
@@ -77,7 +79,9 @@ def test_a_door_splits_the_wall_and_both_pieces_end_at_its_jambs() -> None:
     ranges = np.full(81, 0.7)
     ranges[30:50] = np.inf
     first, second = walls_in(past(ranges), LEFT)[0]
-    assert first.end == pytest.approx((1.45, 0.7)) and second.start == pytest.approx((2.5, 0.7))
+    assert first.end == pytest.approx((1.45, 0.7)) and second.point(
+        second.along[0]
+    ) == pytest.approx((2.5, 0.7))
     assert first.stops
 
 

@@ -65,11 +65,11 @@ def converted(
     walls: list[FittedWall] = []
     sightings: list[tuple[int, JsonRecord]] = []
     readings = 0
-    for beam, every in enumerate(hits(samples, mounts, settings.reach)):
+    for every in hits(samples, mounts, settings.reach):
         readings += int(every.seen.sum())
         taken = samples.t[every.index]
         seen = without_echoes(every, taken, around, settings.echo, settings.echo_s, tally)
-        passed, loose = walls_of(beam, seen, samples, settings)
+        passed, loose = walls_of(seen, samples, settings)
         walls += passed
         sightings += _beams(seen, loose.tolist(), samples, tally)
         if settings.misses:

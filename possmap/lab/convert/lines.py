@@ -32,8 +32,6 @@ class FittedWall:
 
     Attributes
     ----------
-    beam
-        Which.
     index
         Samples of the readings on it, rising, (m,).
     along
@@ -44,7 +42,6 @@ class FittedWall:
         Whether the beam saw past it behind its last reading: the wall ends there.
     """
 
-    beam: int
     index: Ints
     along: Floats
     origin: tuple[float, float]
@@ -67,11 +64,6 @@ class FittedWall:
             self.origin[0] + along * self.direction[0],
             self.origin[1] + along * self.direction[1],
         )
-
-    @property
-    def start(self) -> tuple[float, float]:
-        """Where it was seen first."""
-        return self.point(float(self.along[0]))
 
     @property
     def end(self) -> tuple[float, float]:
@@ -126,7 +118,7 @@ def fitted(points: Floats) -> _Line:
 
 
 def walls_of(
-    beam: int, seen: Hits, samples: Samples, settings: ConvertSettings
+    seen: Hits, samples: Samples, settings: ConvertSettings
 ) -> tuple[list[FittedWall], Ints]:
     """Return the walls that a beam passed, and which of its readings are on none.
 
@@ -143,7 +135,6 @@ def walls_of(
         on_wall[own] = True
         walls.append(
             FittedWall(
-                beam,
                 seen.index[own],
                 line.along(points[inside]),
                 (line.x, line.y),

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import accumulate
 from pathlib import Path
 from statistics import median
 from typing import Literal, TypeAlias
@@ -154,8 +155,8 @@ def _laser_rows(
     progress: Progress | None,
 ) -> Iterator[list[float]]:
     """Yield number of the line, t, x, y, yaw and the readings used, of each laser line."""
-    width = sum(len(layout.picked) for layout in layouts.values())
-    starts = dict(zip(layouts, _starts(layouts.values()), strict=True))
+    widths = [len(layout.picked) for layout in layouts.values()]
+    starts = dict(zip(layouts, accumulate([0, *widths[:-1]]), strict=True))
     for number, line in lines(path, tally, progress):
         kind = line[: line.find(b" ")]
         if kind not in LASERS:
@@ -175,18 +176,10 @@ def _laser_rows(
             told.lose(_SKIPPED, number)
             continue
         longest, start = known.longest, starts[kind]
-        ranges = [math.nan] * width
+        ranges = [math.nan] * sum(widths)
         ranges[start : start + len(read)] = [r if r < longest else _far(r) for r in read]
         pose = robot if pose_of == "odometry" else robot_at(laser, known)
         yield [number, t, *pose, *ranges]
-
-
-def _starts(layouts: Iterable[Layout]) -> Iterator[int]:
-    """Yield in which column the readings of each laser begin."""
-    start = 0
-    for layout in layouts:
-        yield start
-        start += len(layout.picked)
 
 
 def _far(value: float) -> float:

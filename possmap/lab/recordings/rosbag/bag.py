@@ -13,18 +13,12 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from possmap.errors import RecordingError, printable, shown
 from possmap.lab.recordings.rosbag.unpacking import check_files_unpack, check_messages_unpack
-from possmap.lab.recordings.rosbag.untrusted import (
-    UntrustedError,
-    check_files,
-    check_text,
-    check_types,
-)
+from possmap.lab.recordings.rosbag.untrusted import UntrustedError, check_files, store_of
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
     from rosbags.rosbag1 import Reader as Reader1
     from rosbags.rosbag2 import Reader as Reader2
-    from rosbags.typesys.store import Typestore
 
 Decoder: TypeAlias = Callable[[bytes], object]
 """Makes a message of its bytes; anything may go wrong."""
@@ -33,7 +27,6 @@ STUBBORN = 100
 """So many messages in a row that cannot be read, and none can."""
 
 _LOOKED_AT = 10  # messages, to see what the others will be like
-_LONGEST_LIST = 1_000_000  # in a message; the scan of a laser has some thousands of readings
 _LONGEST_DETAIL = 160
 _ROS1, _SQLITE, _MCAP = b"#ROSBAG V", b"SQLite format 3\0", b"\x89MCAP0\r\n"
 _ZSTD = b"\x28\xb5\x2f\xfd"
@@ -94,7 +87,7 @@ class Bag:
             problem = f'{place}: found messages written as {shown(form)}, expected "cdr"'
             raise RecordingError(str(self.path), problem)
         try:
-            store = _store(connection)
+            store = store_of(connection)
             _ = store and store.get_msgdef(topic.type)  # compiled now, so that faults show
         except Exception as error:  # the parsers have many ways to fail on what they do not know
             problem = f"{place}: the definition of {type_} cannot be understood: {_detail(error)}"
@@ -306,33 +299,3 @@ def _detail(error: Exception) -> str:
     text = printable(said[0]).rstrip(".") if said else ""
     text = _PREFIX.sub("", text)  # the path stands before it already
     return text[:_LONGEST_DETAIL] or f"{type(error).__name__} in rosbags"
-
-
-def _store(connection: Connection) -> Typestore | None:
-    """Return a store with the types of a connection's messages; None if nobody knows them.
-
-    Of this topic alone (docs/decisions): what nobody reads need not be understood.
-    """
-    from rosbags.interfaces import MessageDefinitionFormat as Form
-    from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
-
-    text = connection.msgdef.data
-    check_text(text, connection.msgdef.format == Form.IDL)
-    if connection.msgdef.format == Form.NONE:
-        # Bags tell their types since ROS 2 Iron, which also changed some of them.
-        store = get_typestore(Stores.ROS2_HUMBLE)
-        store.max_sequence_length = _LONGEST_LIST
-        return store if connection.msgtype in store.fielddefs else None
-    types = {}
-    if connection.msgdef.format == Form.MSG:
-        types = get_types_from_msg(text, connection.msgtype)
-    else:
-        line = "=" * 80 + "\n"
-        parts = text.split(line)[1:] if text.startswith(f"{line}IDL: ") else [f"\n{text}"]
-        for part in parts:  # each behind a line with its name
-            types.update(get_types_from_idl(part.split("\n", 1)[1]))
-    check_types(types)
-    store = get_typestore(Stores.EMPTY)
-    store.max_sequence_length = _LONGEST_LIST
-    store.register(types)
-    return store

@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import yaml
 
 if TYPE_CHECKING:
+    from rosbags.interfaces import Connection
     from rosbags.interfaces.typing import FieldDesc
+    from rosbags.typesys.store import Typestore
 
 Types: TypeAlias = Mapping[str, tuple[Sequence[Any], Sequence[tuple[str, "FieldDesc"]]]]
 """Type -> constants and fields, as rosbags has them."""
@@ -26,6 +28,7 @@ LARGEST_TEXT = 1 << 20
 MOST_VALUES = 100_000
 """A message may consist of so many single values, lists of numbers counted as one."""
 
+_LONGEST_LIST = 1_000_000  # in a message; the scan of a laser has some thousands of readings
 _MOST_TABLES = 100
 _PLAIN = re.compile(r"\s*CREATE\s+(TABLE|(UNIQUE\s+)?INDEX|TRIGGER)\b", re.IGNORECASE)
 _GENERATED = re.compile(r"\b(AS|GENERATED)\b", re.IGNORECASE)
@@ -83,6 +86,41 @@ def _check_database(path: Path) -> None:
                 raise UntrustedError("found a view or a virtual table, expected tables of messages")
             if _GENERATED.search(sql) and "TRIGGER" not in sql.upper():
                 raise UntrustedError("found a computed column, expected tables of messages")
+
+
+def store_of(connection: Connection) -> Typestore | None:
+    """Return a store with the types of a connection's messages; None if nobody knows them.
+
+    Of this topic alone (docs/decisions): what nobody reads need not be understood.
+
+    Raises
+    ------
+    UntrustedError
+        If its definition computes, or makes types without end; rosbags has errors of its own.
+    """
+    from rosbags.interfaces import MessageDefinitionFormat as Form
+    from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+    text = connection.msgdef.data
+    check_text(text, connection.msgdef.format == Form.IDL)
+    if connection.msgdef.format == Form.NONE:
+        # Bags tell their types since ROS 2 Iron, which also changed some of them.
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        store.max_sequence_length = _LONGEST_LIST
+        return store if connection.msgtype in store.fielddefs else None
+    types = {}
+    if connection.msgdef.format == Form.MSG:
+        types = get_types_from_msg(text, connection.msgtype)
+    else:
+        line = "=" * 80 + "\n"
+        parts = text.split(line)[1:] if text.startswith(f"{line}IDL: ") else [f"\n{text}"]
+        for part in parts:  # each behind a line with its name
+            types.update(get_types_from_idl(part.split("\n", 1)[1]))
+    check_types(types)
+    store = get_typestore(Stores.EMPTY)
+    store.max_sequence_length = _LONGEST_LIST
+    store.register(types)
+    return store
 
 
 def check_text(text: str, is_idl: bool) -> None:
