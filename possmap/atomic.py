@@ -65,6 +65,19 @@ def name_beside(target: Path) -> Path:
     return target.with_name(f".{target.name[:40]}.{secrets.token_hex(4)}")
 
 
+def leftovers(target: Path) -> list[Path]:
+    """Return the files beside a target that bear such names: their programs were killed."""
+    target = target.resolve()
+    begin, digits = f".{target.name[:40]}.", set("0123456789abcdef")
+    return sorted(
+        one
+        for one in target.parent.iterdir()
+        if one.name.startswith(begin)
+        and len(one.name) == len(begin) + 8
+        and digits.issuperset(one.name[-8:])
+    )
+
+
 def _created(path: Path) -> BinaryIO:
     return os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666), "w+b")
 

@@ -16,7 +16,16 @@ if TYPE_CHECKING:
     from possmap.grid.selection import Selection
     from possmap.inspection.audit import Audit, Side
 
-_COLUMNS = ("contradiction", "above", "compared", "mean K", "walls", "outliers", "surprise")
+_COLUMNS = (
+    "contradiction",
+    "above",
+    "compared",
+    "mean K",
+    "walls",
+    "outliers",
+    "surprise",
+    "strays",
+)
 
 
 @click.command(epilog="Example: possmap audit site.possmap")
@@ -145,6 +154,7 @@ def _cells(side: Side) -> Iterator[str]:
         f"{side.told.seen}",
         f"{side.told.outliers}",
         f"{side.told.surprise:.1f}",
+        f"{side.told.stray_deg:.1f}°",
     )
     for column, value in zip(_COLUMNS, values, strict=True):
         yield f"{value:>{_wide(column)}}"

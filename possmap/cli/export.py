@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from possmap.cli import options
+
+if TYPE_CHECKING:
+    from possmap.grid.selection import Selection
 
 
 def _layer(name: str) -> str:
@@ -33,7 +37,8 @@ def _layers_like(begun: str) -> list[str]:
     required=True,
     type=click.Path(path_type=Path),
     metavar="OUT",
-    help="What to write; its suffix says how: .npz, .yaml, .geojson, .csv, .png, .svg or .dxf.",
+    help="What to write; its suffix says how: .npz, .yaml, .geojson, .csv, .png, .svg, .dxf, .bt"
+    " or .ot.",
 )
 @options.window
 @click.option(
@@ -45,13 +50,15 @@ def _layers_like(begun: str) -> list[str]:
     "--occupied",
     type=click.FloatRange(0, 1, min_open=True),
     metavar="N",
-    help="A cell is occupied where its belief reaches this (.yaml, .svg, .dxf).  [default: 0.5]",
+    help="A cell is occupied where its belief reaches this (.yaml, .geojson, .svg, .dxf, .bt)."
+    "  [default: 0.5]",
 )
 @click.option(
     "--free",
     type=click.FloatRange(0, 1, max_open=True),
     metavar="P",
-    help="Else it is free where its plausibility is not above this (.yaml).  [default: 0.5]",
+    help="Else it is free where its plausibility is not above this (.yaml, .geojson, .bt)."
+    "  [default: 0.5]",
 )
 @click.option(
     "--layer",
@@ -61,6 +68,7 @@ def _layers_like(begun: str) -> list[str]:
     help="What a .png shows: a view, or points.  [default: belief]",
 )
 @options.base_rate
+@options.selection
 @options.overwrite
 @click.pass_context
 def export(
@@ -75,6 +83,7 @@ def export(
     layer: str | None,
     config: Path | None,
     base_rate: float | None,
+    selection: Selection,
     overwrite: bool,
 ) -> None:
     """Write a grid in a format that other programs read.
@@ -87,6 +96,7 @@ def export(
     .png      one layer in 16 bits, with its world file .pgw beside it (GIS)
     .svg      walls, sightings and tracks as a drawing
     .dxf      the same for CAD; needs: pip install 'possmap[dxf]'
+    .bt, .ot  a sheet of OctoMap voxels; needs: pip install 'possmap[octomap]'
 
     .npz holds float32 arrays necessity, possibility, belief, plausibility and pignistic_logit of
     shape (rows, columns), row 0 at the lowest y; origin, the (x, y) in metres of the lower left
@@ -122,7 +132,7 @@ def export(
         )
     except ValueError as error:  # NaN lies in every range
         raise click.UsageError(str(error)) from error
-    done = write(grid, output, window, overwrite, choices)
+    done = write(grid, output, window, overwrite, choices, selection)
     if not ctx.obj["quiet"]:
         x, y = done.origin
         names = " and ".join(printable(str(path)) for path in done.outputs)
@@ -130,3 +140,6 @@ def export(
             f"{names}: {done.rows} rows × {done.columns} columns "
             f"of {done.resolution:g} m, from ({x:.2f}, {y:.2f})"
         )
+        for path in done.leftovers:
+            told = f"{printable(str(path))} is left from an export that was stopped: remove it"
+            click.echo(f"possmap: {told}", err=True)

@@ -62,12 +62,15 @@ class Observations(NamedTuple):
 class Fit(NamedTuple):
     """How well walls fitted what an excursion's model expects.
 
-    squares : sum of r²/V over those used; as large as their number if the model holds.
+    squares : sum of r²/V over those used, of each 9 at most, that a single slip counts no more; as
+        large as their number if the model holds.
     overturn : o after the last of them [rad per 45°].
+    residuals : r of all, also of vague ones and outliers [rad].
     """
 
     squares: float = 0.0
     overturn: float = 0.0
+    residuals: tuple[float, ...] = ()
 
 
 class FilteredError(NamedTuple):
@@ -110,6 +113,7 @@ class WallFilter:
         ]
         self.observations = Observations()
         self._squares = 0.0
+        self._residuals: list[float] = []
         self._direction_deg: float | None = None  # of the first piece of the run so far
         self._followed = False
         self._turned_deg = 0.0  # since the last pair that ran
@@ -118,7 +122,7 @@ class WallFilter:
     @property
     def fit(self) -> Fit:
         """How well the walls observed so far fitted the model."""
-        return Fit(self._squares, self.mean[OVERTURN])
+        return Fit(self._squares, self.mean[OVERTURN], tuple(self._residuals))
 
     @property
     def rectangle(self) -> ErrorRectangle:
@@ -232,6 +236,7 @@ class WallFilter:
         column = [row[HEADING] + half * row[DRIFT] for row in p]  # P·Hᵀ
         variance = column[HEADING] + half * column[DRIFT] + noise
         deviation = math.sqrt(max(0.0, variance)) / self._model.factor
+        self._residuals.append(residual)
         if 3 * deviation > self._quarter / 2:
             self.observations = told._replace(vague=told.vague + 1)
             return
@@ -239,7 +244,7 @@ class WallFilter:
             self.observations = told._replace(outliers=told.outliers + 1)
             return
         surprise = residual / deviation if deviation else 0.0
-        self._squares += surprise**2
+        self._squares += min(9.0, surprise**2)
         self.observations = told._replace(
             used=told.used + 1,
             seen=told.seen + is_seen,

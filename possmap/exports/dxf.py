@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from importlib import import_module
 from typing import Any, BinaryIO
 
-from possmap.errors import OutputError, printable
 from possmap.exports.features import metres, outings, outline_of_walls
-from possmap.exports.job import Job
+from possmap.exports.job import Job, library
 
 METRES = 6
 """$INSUNITS of a DXF file."""
@@ -30,7 +28,7 @@ def write_dxf(job: Job, streams: Sequence[BinaryIO]) -> None:
     OutputError
         If ezdxf is not installed, or the walls are too long for memory.
     """
-    ezdxf = _library(job)
+    ezdxf = library(job, "ezdxf", "dxf")
     drawing = ezdxf.new("R2010", units=METRES)
     for name, colour in LAYERS.items():
         drawing.layers.add(name, color=colour)
@@ -70,25 +68,3 @@ def _show_all(drawing: Any, job: Job) -> None:
     drawing.header["$EXTMIN"], drawing.header["$EXTMAX"] = (x0, y0, 0), (x1, y1, 0)
     drawing.header["$PDMODE"], drawing.header["$PDSIZE"] = _CROSS, 2 * c
     drawing.set_modelspace_vport(1.1 * max(x1 - x0, y1 - y0), ((x0 + x1) / 2, (y0 + y1) / 2))
-
-
-def _library(job: Job) -> Any:
-    """Return ezdxf, which comes with an extra of possmap.
-
-    Raises
-    ------
-    OutputError
-        If it is not installed, with the command that installs it, or if it does not work.
-    """
-    output = printable(str(job.outputs[0]))
-    try:
-        return import_module("ezdxf")
-    except ModuleNotFoundError as error:
-        if error.name == "ezdxf":
-            raise OutputError(
-                f"{output}: needs ezdxf, which is not installed: pip install 'possmap[dxf]'"
-            ) from None
-        raise OutputError(f"{output}: ezdxf does not work: {error}") from error
-    except ImportError as error:  # a shared library that is not there, say
-        reason = " ".join(str(error).split())
-        raise OutputError(f"{output}: ezdxf does not work: {printable(reason)}") from error

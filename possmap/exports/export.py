@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import BinaryIO
 
-from possmap.atomic import replacing_all
+from possmap.atomic import leftovers, replacing_all
 from possmap.core.lattice import Window
 from possmap.errors import OutputError, did_you_mean, printable, shown
 from possmap.exports.cells import holds_evidence
@@ -18,10 +18,13 @@ from possmap.exports.dxf import write_dxf
 from possmap.exports.geojson import write_geojson
 from possmap.exports.job import Choices, Job
 from possmap.exports.npz import write_npz
+from possmap.exports.octomap import write_occupied, write_probabilities
 from possmap.exports.png import write_layer
 from possmap.exports.ros_map import image_beside, write_ros_map
 from possmap.exports.svg import write_svg
+from possmap.grid.copying import selected
 from possmap.grid.grid import MOST_CELLS, Grid
+from possmap.grid.selection import Selection
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +57,7 @@ FORMATS: Mapping[str, Format] = MappingProxyType(
         ".npz": Format(write_npz, may_be_empty=True, least=0.08),
         ".yaml": _ROS,
         ".yml": _ROS,
-        ".geojson": Format(write_geojson),
+        ".geojson": Format(write_geojson, frozenset({"occupied", "free"})),
         ".csv": Format(write_cells),
         ".png": Format(
             write_layer,
@@ -64,9 +67,14 @@ FORMATS: Mapping[str, Format] = MappingProxyType(
         ),
         ".svg": Format(write_svg, frozenset({"occupied"})),
         ".dxf": Format(write_dxf, frozenset({"occupied"})),
+        ".bt": Format(write_occupied, frozenset({"occupied", "free"})),
+        ".ot": Format(write_probabilities, frozenset({"base_rate"})),
     }
 )
 """By suffix, in lower case."""
+
+MOST_EMPTY, LEAST_FILLED = 10**8, 0.05
+"""A box of so many cells is not written cell by cell unasked, if less of it lies in tiles."""
 
 WRITTEN_WITH = MappingProxyType({".pgm": ".yaml", ".pgw": ".png"})
 """Suffixes that somebody may ask for, with the one that writes them too."""
@@ -78,6 +86,7 @@ class ExportSummary:
 
     outputs : the file asked for, then those that go with it.
     origin : lower left corner of the first cell [m].
+    leftovers : files of exports to these names that were killed, or are not done yet.
     """
 
     outputs: tuple[Path, ...]
@@ -85,6 +94,7 @@ class ExportSummary:
     columns: int
     origin: tuple[float, float]
     resolution: float
+    leftovers: tuple[Path, ...] = ()
 
     @property
     def output(self) -> Path:
@@ -98,8 +108,9 @@ def export(
     window_m: tuple[float, float, float, float] | None = None,
     overwrite: bool = False,
     choices: Choices | None = None,
+    selection: Selection | None = None,
 ) -> ExportSummary:
-    """Write a grid, or a window of it given as x0, y0, x1, y1 [m].
+    """Write a grid, or a window of it given as x0, y0, x1, y1 [m], or only some excursions.
 
     Raises
     ------
@@ -107,22 +118,26 @@ def export(
         For a suffix without a format, no evidence, too many cells, a format whose library is not
         installed, or an output that exists.
     GridError
-        If ``path`` is no grid.
+        If ``path`` is no grid, or holds no such excursion.
     """
     chosen = format_of(output)
-    choices = choices or Choices()
+    choices, selection = choices or Choices(), selection or Selection()
     outputs = (output, *chosen.beside(output, choices))
     for one in outputs:
         refuse_itself(path, one)
-    with Grid(path) as grid, grid.snapshot():
+    with selected(path, selection) as shown_path, Grid(shown_path) as grid, grid.snapshot():
         window = chosen_window(grid, window_m)
         if not chosen.may_be_empty:
             refuse_nothing(grid, window)
+        if chosen.least and window_m is None:
+            refuse_emptiness(grid, window)
         least = 1.0 if any(one.suffix == ".pgm" for one in outputs) else chosen.least
         check_room(output, round(least * window.cells))
         with replacing_all(outputs, overwrite) as streams:
-            chosen.write(Job(grid, window, window_m, outputs, choices), streams)
-        return ExportSummary(outputs, *window.shape, grid.origin(window), grid.resolution)
+            said = selection.title if selection else ""
+            chosen.write(Job(grid, window, window_m, outputs, choices, said), streams)
+        left = tuple(leftover for one in outputs for leftover in leftovers(one))
+        return ExportSummary(outputs, *window.shape, grid.origin(window), grid.resolution, left)
 
 
 def check_room(output: Path, least: int) -> None:
@@ -192,6 +207,17 @@ def refuse_nothing(grid: Grid, window: Window) -> None:
         f"{printable(str(grid.path))}: nothing in the window; all evidence lies within "
         f"{x0:.2f},{y0:.2f},{x1:.2f},{y1:.2f}"
     )
+
+
+def refuse_emptiness(grid: Grid, window: Window) -> None:
+    """Raise OutputError if the box around all evidence is large, and next to nothing is in it."""
+    held = sum(area.cells for area in grid.tiles.areas(window))
+    if window.cells > MOST_EMPTY and held < window.cells * LEAST_FILLED:
+        rows, columns = window.shape
+        raise OutputError(
+            f"{printable(str(grid.path))}: {rows} × {columns} cells, of which tiles with evidence "
+            f"hold {held / window.cells:.1%}; take a part of it, or all: --window X0,Y0,X1,Y1"
+        )
 
 
 def chosen_window(

@@ -42,6 +42,28 @@ def outline_of_walls(job: Job) -> list[Polygon]:
     return _polygons(job, ((area, job.grid.view("belief", area) >= least) for area in areas))
 
 
+def outline_of_free(job: Job) -> list[Polygon]:
+    """Return the outlines of the free cells, not occupied and Pl within the threshold, likewise.
+
+    Raises
+    ------
+    OutputError
+        If they are too long for memory.
+    """
+    most = job.choices.free
+    return _polygons(
+        job,
+        (
+            (
+                area,
+                (job.grid.view("belief", area) < job.choices.occupied)
+                & (job.grid.view("plausibility", area) <= most),
+            )
+            for area in job.grid.tiles.areas(job.window)
+        ),
+    )
+
+
 def _polygons(job: Job, pieces: Iterator[tuple[Window, outline.Marks]]) -> list[Polygon]:
     try:
         return polygons(job.window, pieces)

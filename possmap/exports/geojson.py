@@ -7,7 +7,16 @@ from collections.abc import Iterator, Sequence
 from typing import Any, BinaryIO
 
 from possmap.core.evidence import Geometry
-from possmap.exports.features import Outing, Point, metres, outings, outline_of_evidence, swept
+from possmap.exports.features import (
+    Outing,
+    Point,
+    metres,
+    outings,
+    outline_of_evidence,
+    outline_of_free,
+    outline_of_walls,
+    swept,
+)
 from possmap.exports.job import Job, tidy
 from possmap.exports.outline import Polygon
 
@@ -20,8 +29,8 @@ CRS = {"type": "name", "properties": {"name": 'LOCAL_CS["possmap site",UNIT["met
 def write_geojson(job: Job, streams: Sequence[BinaryIO]) -> None:
     """Write one FeatureCollection in metres of the site frame, a feature a line.
 
-    ``properties.kind`` says what a feature is: ``track``, ``wall``, ``wall_error``, ``corner`` or
-    ``outline``.
+    ``properties.kind`` says what a feature is: ``track``, ``wall``, ``wall_error``, ``corner``,
+    ``outline`` (of what is known), ``occupied`` or ``free`` (by the thresholds).
 
     Raises
     ------
@@ -29,10 +38,15 @@ def write_geojson(job: Job, streams: Sequence[BinaryIO]) -> None:
         If the outline is too long for memory.
     """
     out = streams[0]
-    outline = _outline(job)
+    outlines = [
+        ("outline", outline_of_evidence(job)),
+        ("occupied", outline_of_walls(job)),
+        ("free", outline_of_free(job)),
+    ]
+    areas = [_areas(job, kind, shapes) for kind, shapes in outlines if shapes]
     head = {"type": "FeatureCollection", "crs": CRS, "possmap": dict(job.facts())}
     out.write(json.dumps(head)[:-1].encode() + b', "features": [\n')
-    out.write(_line(outline))
+    out.write(b",\n".join(map(_line, areas)))
     for outing in outings(job):
         for feature in _features(outing):
             out.write(b",\n" + _line(feature))
@@ -92,12 +106,10 @@ def _halves(at: Geometry) -> dict[str, float]:
     }
 
 
-def _outline(job: Job) -> Feature:
-    shapes = outline_of_evidence(job)
+def _areas(job: Job, kind: str, shapes: Sequence[Polygon]) -> Feature:
     coordinates = [_rings(job, shape) for shape in shapes]
     return _feature(
-        {"type": "MultiPolygon", "coordinates": coordinates},
-        {"kind": "outline", "parts": len(shapes)},
+        {"type": "MultiPolygon", "coordinates": coordinates}, {"kind": kind, "parts": len(shapes)}
     )
 
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from possmap.core.lattice import Window
 from possmap.core.views import VIEWS
-from possmap.errors import printable, shown
+from possmap.errors import OutputError, printable, shown
 from possmap.grid.grid import Grid
 from possmap.release import version
 
@@ -58,6 +60,7 @@ class Job:
     window : the cells to write.
     window_m : the rectangle asked for; None: all that holds evidence.
     outputs : the file asked for, then those that go with it.
+    selection : in words, which excursions alone are shown; empty: all.
     """
 
     grid: Grid
@@ -65,6 +68,7 @@ class Job:
     window_m: Metres | None
     outputs: tuple[Path, ...]
     choices: Choices
+    selection: str = ""
 
     @property
     def name(self) -> str:
@@ -88,6 +92,7 @@ class Job:
             "frame": FRAME,
             "origin": f"{x!r}, {y!r} m, the lower left corner of the first cell",
             "cells": f"{rows} rows x {columns} columns",
+            **({"excursions": ascii(self.selection)[1:-1]} if self.selection else {}),
         }
 
     def thresholds(self) -> str:
@@ -102,3 +107,25 @@ class Job:
 def tidy(metres: float) -> float:
     """Return a length without the last digits that a product of doubles leaves (7.550000000001)."""
     return round(metres, 12) + 0.0  # no -0.0
+
+
+def library(job: Job, name: str, extra: str) -> Any:
+    """Return a library that comes with an extra of possmap.
+
+    Raises
+    ------
+    OutputError
+        If it is not installed, with the command that installs it, or if it does not work.
+    """
+    output = printable(str(job.outputs[0]))
+    try:
+        return import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name == name:
+            raise OutputError(
+                f"{output}: needs {name}, which is not installed: pip install 'possmap[{extra}]'"
+            ) from None
+        raise OutputError(f"{output}: {name} does not work: {error}") from error
+    except ImportError as error:  # a shared library that is not there, say
+        reason = " ".join(str(error).split())
+        raise OutputError(f"{output}: {name} does not work: {printable(reason)}") from error

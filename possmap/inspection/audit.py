@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -23,6 +22,7 @@ from possmap.grid.replay import replay
 from possmap.grid.selection import Selection
 from possmap.inspection.contradiction import Contradiction, Crowd, compare
 from possmap.inspection.sides import TileSides, sides_by_tile
+from possmap.inspection.told import Told
 from possmap.progress import Progress, quiet
 
 Metres: TypeAlias = tuple[float, float, float, float]
@@ -37,60 +37,18 @@ IN_A_SPELL = 10
 
 ROBOT_STANDS_OUT = 3.0
 """A robot's spell stands out that lies so many spreads above those of the other robots."""
-EXCURSION_STANDS_OUT = 6.0
+EXCURSION_STANDS_OUT = 8.0
 """An excursion stands out that lies so many spreads above those of the other robots."""
 FEWEST = 5
 """So many values of others are needed to say how far values spread."""
 LEAST_SPREAD = 0.02
 """No spread is taken for smaller: where nobody contradicts anybody, a trifle would stand out."""
 
-SURPRISING = 5.0
-"""So many standard deviations above what the model expects, walls tell that it does not hold."""
-FEWEST_WALLS = 10
-"""Of fewer walls, chance surprises."""
-OUTLIERS = 0.05
-"""Of its walls so many may be outliers, more than of the other robots' ..."""
-FEWEST_OUTLIERS = 3
-"""... and so many in any case."""
-
 _NORMAL = 1.4826
 """What makes a median absolute deviation a standard deviation, for a normal distribution."""
 
 _MOST_BYTES = 1 << 30
 """Excursions laid out are not held beyond this."""
-
-
-@dataclass(frozen=True, slots=True)
-class Told:
-    """What a side's own walls told of its heading, against what its model expects.
-
-    seen, outliers : walls used, and those left out since they contradicted all the rest.
-    surprise : how far Σ r²/V over those used lies above their number, in standard deviations.
-    overturn_deg : over-turn per 45° beyond the model's, the median of its excursions.
-    """
-
-    seen: int
-    outliers: int
-    surprise: float
-    overturn_deg: float
-
-    @property
-    def share(self) -> float:
-        """Which share of the walls were outliers."""
-        return self.outliers / max(1, self.seen + self.outliers)
-
-    @classmethod
-    def of(cls, some: Sequence[tuple[Observations, Fit]]) -> Told:
-        """Pool what excursions were told."""
-        used = sum(one.used for one, _ in some)
-        squares = sum(fit.squares for _, fit in some)
-        overturn = [math.degrees(fit.overturn) for _, fit in some]
-        return cls(
-            seen=sum(one.seen for one, _ in some),
-            outliers=sum(one.outliers for one, _ in some),
-            surprise=(squares - used) / math.sqrt(2 * used) if used else 0.0,
-            overturn_deg=float(np.median(overturn)) if overturn else 0.0,
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -332,14 +290,7 @@ def _told_apart(side: Side, sides: Sequence[Side], limit: float = EXCURSION_STAN
         above = (side.contradiction - median) / spread
         if above >= limit:
             reasons.append("contradicts the others")
-    usual = float(np.median([one.told.share for one in others])) if others else 0.0
-    told = side.told
-    if told.outliers >= FEWEST_OUTLIERS and told.share >= usual + OUTLIERS:
-        reasons.append("outliers among its walls")
-    surprises = [one.told.surprise for one in others]
-    expected = max(0.0, float(np.median(surprises))) if surprises else 0.0
-    if told.seen >= FEWEST_WALLS and told.surprise >= SURPRISING + expected:
-        reasons.append("its walls surprise its model")
+    reasons += side.told.reasons([one.told for one in others])
     return replace(side, above=above, reasons=tuple(reasons))
 
 

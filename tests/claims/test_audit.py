@@ -21,11 +21,13 @@ from possmap.core.fusion import CERTAIN, UNIT
 from possmap.core.lattice import TileKey, Window, tile_window
 from possmap.core.patches import Crop, Patch
 from possmap.core.plan import ExcursionPlan
+from possmap.core.walls import Fit, Observations
 from possmap.grid.replay import replay
 from possmap.grid.selection import Selection
 from possmap.inspection.audit import Audit, audit
 from possmap.inspection.contradiction import Contradiction, Crowd, compare
 from possmap.inspection.sides import sides_by_tile
+from possmap.inspection.told import Told
 
 Log = dict[str, Any]
 DEMPSTER = {**ROBUST, "free_fusion": "dempster", "resolution": 0.1}
@@ -193,3 +195,42 @@ def test_walls_tell_of_a_broken_robot_and_of_no_sound_one(
     found = audited(tmp_path, logs, **settings)
     assert [one.robot for one in found.robots if one.stands_out] == [broken]
     assert "outliers among its walls" in found.robots[0].reasons
+
+
+def test_a_robot_whose_model_is_honest_about_its_wheels_strays(
+    honest: list[Log], tmp_path: Path
+) -> None:
+    broken = honest[0]["robot"]
+    worn = logs_of(
+        drive(
+            shipped_world("figure8"), robots=5, minutes=12, seed=4, exchange=False,
+            drift=4.0, turn_noise=3.0,
+        )
+    )  # fmt: skip
+    logs = [log for log in honest if log["robot"] != broken]
+    logs += [log for log in worn if log["robot"] == broken]
+    settings = {"estimator": "walls", "orthogonal": True, "turn_noise": 0.7}
+    found = audited(tmp_path, logs, **settings)
+    assert [one.robot for one in found.robots if one.stands_out] == [broken]
+    assert "its heading strays" in found.robots[0].reasons
+
+
+def told(*residuals: float, surprise: float = 0.0) -> Told:
+    """Return what observations told of a heading, each off by so much [degrees]."""
+    used = Observations(used=len(residuals), seen=len(residuals))
+    squares = len(residuals) + surprise * math.sqrt(2 * len(residuals))
+    return Told.of([(used, Fit(squares, 0.0, tuple(map(math.radians, residuals))))])
+
+
+def test_one_lost_excursion_makes_no_robot_stray() -> None:
+    others = [told(*([1.0, -1.0] * 30))] * 5
+    assert not list(told(*([1.0] * 60 + [40.0] * 30)).reasons(others))
+    assert list(told(*([4.0] * 60)).reasons(others)) == ["its heading strays"]
+    assert not list(told(*([4.0] * 29)).reasons(others))
+
+
+def test_few_walls_must_surprise_more_than_many() -> None:
+    others = [told(*([1.0] * 60))] * 5
+    # As many naive standard deviations, (S - n) / sqrt(2n), with 12 walls and with 1000.
+    assert not list(told(*([1.0] * 12), surprise=5.5).reasons(others))
+    assert list(told(*([1.0] * 1000), surprise=5.5).reasons(others))

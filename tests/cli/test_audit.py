@@ -72,10 +72,11 @@ def test_a_liar_is_told_line_by_line(site: Path) -> None:
         "stands out  robot liar since a (contradicts the others); "
         "excursion liar a (contradicts the others)",
         "robots       contradiction     above  compared    mean K     walls  outliers  surprise"
-        "  worst place",
+        "    strays  worst place",
     ]
     assert re.fullmatch(
-        r"  1  liar +1\.000 +![0-9.]+ +50\.0% +1\.0000 +0 +0 +0\.0  \(0\.250, 0\.250\) m", lines[4]
+        r"  1  liar +1\.000 +![0-9.]+ +50\.0% +1\.0000 +0 +0 +0\.0 +0\.0°  \(0\.250, 0\.250\) m",
+        lines[4],
     )
     assert lines[5].startswith("  2  r1 ") and "!" not in lines[5]
     assert lines[7].startswith("  1  liar a ") and lines[8].startswith("  2  r1 a ")
@@ -101,12 +102,15 @@ def test_json_tells_the_same_of_all(site: Path) -> None:
         "wall_free": sure,
         "free_wall": pytest.approx(0, abs=1e-6),
         "worst": {"x": 0.25, "y": 0.25, "conflict": sure},
-        "told": {"seen": 0, "outliers": 0, "surprise": 0.0, "overturn_deg": 0.0},
+        "told": {
+            "observed": 0, "seen": 0, "outliers": 0, "surprise": 0.0, "overturn_deg": 0.0,
+            "stray_deg": 0.0,
+        },
         "judged": True,
         "stands_out": True,
         "reasons": ["contradicts the others"],
         "since": "a",
-    }
+    }  # fmt: skip
     assert [one["stands_out"] for one in excursions] == [True] + [False] * 5
 
 
@@ -136,7 +140,9 @@ def test_who_agrees_with_everybody_does_not_stand_out(tmp_path: Path) -> None:
     grid = fused(tmp_path, *(log(f"r{number}", HONEST) for number in range(6)))
     lines = run("audit", grid).stdout.splitlines()
     assert lines[2] == "stands out  nobody"
-    assert re.fullmatch(r"  1  r0 +0\.000 +0\.0 +100\.0% +0\.0000 +0 +0 +0\.0  none", lines[4])
+    assert re.fullmatch(
+        r"  1  r0 +0\.000 +0\.0 +100\.0% +0\.0000 +0 +0 +0\.0 +0\.0°  none", lines[4]
+    )
 
 
 def test_some_robots_are_audited_alone(site: Path) -> None:

@@ -128,7 +128,7 @@ def test_quiet_prints_nothing(grid: Path, tmp_path: Path) -> None:
         (
             "site",
             'unknown suffix "", expected one of .npz, .yaml, .yml, .geojson, .csv, .png, .svg, '
-            ".dxf",
+            ".dxf, .bt, .ot",
         ),
         (".", None),
         ("a" * 300 + ".npz", None),

@@ -26,6 +26,7 @@ SUFFIXES = list(FORMATS)
 BESIDE = {".yaml": ".pgm", ".yml": ".pgm", ".png": ".pgw"}
 EXTRAS = [
     (".dxf", "ezdxf", "dxf"),
+    (".bt", "pyoctomap", "octomap"),
 ]
 
 
@@ -235,9 +236,13 @@ def test_a_single_cell_is_a_map_too(suffix: str, tmp_path: Path) -> None:
     [
         (["--mode", "raw"], ".png", "--mode belongs to .yaml, .yml, not to .png."),
         (["--layer", "points"], ".yaml", "--layer belongs to .png, not to .yaml."),
-        (["--free", "0.1"], ".svg", "--free belongs to .yaml, .yml, not to .svg."),
-        (["--occupied", "0.1"], ".csv", "--occupied belongs to .yaml, .yml, .svg, .dxf, not"),
-        (["--base-rate", "0.1"], ".npz", "--base-rate belongs to .yaml, .yml, .png, not to"),
+        (["--free", "0.1"], ".svg", "--free belongs to .yaml, .yml, .geojson, .bt, not to .svg."),
+        (
+            ["--occupied", "0.1"],
+            ".csv",
+            "--occupied belongs to .yaml, .yml, .geojson, .svg, .dxf, .bt",
+        ),
+        (["--base-rate", "0.1"], ".npz", "--base-rate belongs to .yaml, .yml, .png, .ot, not to"),
         (["--mode", "grey"], ".yaml", "'grey' is not one of 'trinary', 'scale', 'raw'"),
         (["--layer", "necesity"], ".png", 'unknown layer "necesity", did you mean "necessity"?'),
         (["--layer", "x"], ".png", 'unknown layer "x", expected one of necessity, possibility'),
@@ -314,4 +319,35 @@ def test_choices_hold_only_what_makes_sense() -> None:
 def test_geojson_is_json_for_any_reader(grid: Path, tmp_path: Path) -> None:
     run("export", grid, "-o", tmp_path / "map.geojson")
     found = json.loads((tmp_path / "map.geojson").read_bytes())
-    assert [one["properties"]["kind"] for one in found["features"]] == ["outline"]
+    kinds = [one["properties"]["kind"] for one in found["features"]]
+    assert kinds == ["outline", "occupied", "free"]
+
+
+def test_a_box_far_larger_than_its_evidence_is_not_written_cell_by_cell(tmp_path: Path) -> None:
+    grid = write_grid(tmp_path / "site.possmap", {(0, 0): (0.9, 1.0), (20000, 20000): (0.9, 1.0)})
+    for suffix in (".npz", ".png"):
+        why = refused(run("export", grid, "-o", tmp_path / f"map{suffix}"))
+        assert "20001 × 20001 cells, of which tiles with evidence hold 0.0%; take a part" in why
+    assert run("export", grid, "-o", tmp_path / "map.svg").exit_code == 0
+    assert run("export", grid, "-o", tmp_path / "map.npz", "--window=0,0,5,5").exit_code == 0
+
+
+def test_what_killed_exports_left_is_named(grid: Path, tmp_path: Path) -> None:
+    (tmp_path / ".map.csv.0123abcd").write_text("half")
+    (tmp_path / ".map.csv.0123abcx").write_text("another's")
+    result = run("export", grid, "-o", tmp_path / "map.csv")
+    left = f"{tmp_path}/.map.csv.0123abcd is left from an export that was stopped"
+    assert (result.stderr, result.exit_code) == (f"possmap: {left}: remove it\n", 0)
+
+
+def test_what_is_selected_is_written_as_from_a_grid_of_its_own(tmp_path: Path) -> None:
+    logs = sorted((Path(__file__).parents[2] / "data/json").glob("*-r1-*.json"))
+    for name, some in (("all", logs), ("one", logs[-1:])):
+        assert run("fuse", *some, "-g", tmp_path / f"{name}.possmap").exit_code == 0
+    for name, options in (("all", ("--excursions", "b", "--robots", "r1")), ("one", ())):
+        out = tmp_path / f"{name}.csv"
+        result = run("export", tmp_path / f"{name}.possmap", "-o", out, *options)
+        assert result.exit_code == 0
+    told = [(tmp_path / f"{name}.csv").read_text().splitlines() for name in ("all", "one")]
+    assert "# excursions: excursions like b of r1" in told[0]
+    assert [line for line in told[0] if not line.startswith("# excursions: ")] == told[1]

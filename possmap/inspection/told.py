@@ -1,0 +1,109 @@
+"""What a side's own walls told of its heading, and how that sets it apart (docs/audit.md)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from possmap.core.walls import Fit, Observations
+
+SURPRISING = 5.0
+"""So many standard deviations above what the model expects, walls tell that it does not hold."""
+FEWEST_WALLS = 10
+"""Of fewer observations, chance surprises."""
+OUTLIERS = 0.05
+"""Of its walls so many may be outliers, more than of the other robots' ..."""
+BY_CHANCE = 1e-3
+"""... or so many that chance makes one such side in a thousand audits."""
+USUAL_OUTLIERS = 0.01
+"""Of the walls of sound robots, at least: three times what a normal distribution expects."""
+STRAYS = 3.0
+"""A heading strays that observations correct so many times as much as the other robots' ..."""
+FEWEST_STRAYS = 30
+"""... if so many do ..."""
+FEWEST_STRAYING = 3
+"""... against so many sides of others, at least ..."""
+LEAST_STRAY_DEG = 0.5
+"""... and no others stray less: where nobody does, a trifle would stand out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What a side's own walls told of its heading, against what its model expects.
+
+    observed : observations of the heading, of which ``seen`` are walls used in passing.
+    outliers : walls left out since they contradicted all the rest.
+    surprise : how far Σ r²/V over those used lies above their number, in standard deviations, as
+        Wilson and Hilferty (1931) make a χ² normal.
+    overturn_deg : over-turn per 45° beyond the model's, the median of its excursions.
+    stray_deg : how far off observations find the heading, their median, whatever the model says.
+    """
+
+    observed: int
+    seen: int
+    outliers: int
+    surprise: float
+    overturn_deg: float
+    stray_deg: float
+
+    @property
+    def share(self) -> float:
+        """Which share of the walls were outliers."""
+        return self.outliers / max(1, self.seen + self.outliers)
+
+    @classmethod
+    def of(cls, some: Sequence[tuple[Observations, Fit]]) -> Told:
+        """Pool what excursions were told."""
+        used = sum(one.used for one, _ in some)
+        observed = sum(one.used + one.vague + one.outliers for one, _ in some)
+        squares = sum(fit.squares for _, fit in some)
+        overturn = [math.degrees(fit.overturn) for _, fit in some]
+        strays = [abs(residual) for _, fit in some for residual in fit.residuals]
+        return cls(
+            observed=observed,
+            seen=sum(one.seen for one, _ in some),
+            outliers=sum(one.outliers for one, _ in some),
+            surprise=_deviations(squares, used),
+            overturn_deg=float(np.median(overturn)) if overturn else 0.0,
+            stray_deg=math.degrees(np.median(strays)) if strays else 0.0,
+        )
+
+    def reasons(self, others: Sequence[Told]) -> Iterator[str]:
+        """Yield what sets a side apart from those of the other robots, its own share its faults."""
+        if not others:
+            return
+        usual = float(np.median([one.share for one in others]))
+        expected = max(usual, USUAL_OUTLIERS) * (self.seen + self.outliers)
+        by_chance = _at_least(self.outliers, expected) * len(others)
+        if self.share >= usual + OUTLIERS and by_chance < BY_CHANCE:
+            yield "outliers among its walls"
+        surprise = max(0.0, float(np.median([one.surprise for one in others])))
+        if self.observed >= FEWEST_WALLS and self.surprise >= SURPRISING + surprise:
+            yield "its walls surprise its model"
+        strays = [one.stray_deg for one in others if one.observed]
+        if (
+            self.observed >= FEWEST_STRAYS
+            and len(strays) >= FEWEST_STRAYING
+            and self.stray_deg >= STRAYS * max(LEAST_STRAY_DEG, float(np.median(strays)))
+        ):
+            yield "its heading strays"
+
+
+def _deviations(squares: float, number: int) -> float:
+    """Return how many standard deviations a χ² of so many degrees of freedom lies too high."""
+    if not number:
+        return 0.0
+    variance = 2 / (9 * number)
+    return float((math.cbrt(squares / number) - 1 + variance) / math.sqrt(variance))
+
+
+def _at_least(count: int, expected: float) -> float:
+    """Return the probability of so many or more, by Poisson's distribution."""
+    below = (
+        math.exp(number * math.log(expected) - expected - math.lgamma(number + 1))
+        for number in range(count)
+    )
+    return max(0.0, 1 - sum(below)) if count else 1.0
