@@ -21,11 +21,11 @@ from teams import digest
 
 from possmap.cli.main import main
 
+pytestmark = pytest.mark.thorough
+
 PEAK = """
 import sys
 from possmap.cli.main import main
-
-pytestmark = pytest.mark.thorough
 try:
     main(sys.argv[1:])
 finally:
