@@ -14,6 +14,8 @@ from teams import digest
 import possmap
 from possmap.cli.main import main
 
+pytestmark = pytest.mark.default_profile
+
 LOG: Any = {
     "possmap_log": 1,
     "robot": "r1",
@@ -124,7 +126,7 @@ def test_a_grid_keeps_what_shapes_evidence_and_later_calls_need_none(tmp_path: P
 def test_a_differing_setting_is_refused_with_both_values(
     args: list[str], origin: str, message: str, tmp_path: Path
 ) -> None:
-    grid = fused(tmp_path, "--resolution", "0.25")
+    grid = fused(tmp_path, "--profile", "paper", "--resolution", "0.25")
     before = grid.read_bytes()
     config = str(write(tmp_path / "site.yaml", "# mine\ndrift: 1\n"))
     args = [arg.replace("CONFIG", config) for arg in args]
@@ -140,7 +142,7 @@ def test_a_differing_setting_is_refused_with_both_values(
     ("name", "asked"),
     [
         ("sites", "resolution=0.1"),
-        ("sites", "free_along_walls=true"),
+        ("sites", "free_along_walls=false"),
         ("my sites", "resolution=0.1"),
     ],
 )
@@ -223,7 +225,6 @@ def test_the_profile_robust_is_the_methods_and_leaves_the_rest_alone() -> None:
     assert paper["estimator"] == "linear", "--set beats --profile"
 
 
-@pytest.mark.default_profile
 def test_robust_is_the_default_of_a_new_grid_and_an_old_one_keeps_its_own(tmp_path: Path) -> None:
     assert in_force() == in_force("--profile", "robust") != in_force("--profile", "paper")
     assert in_force("-g", fused(tmp_path))["estimator"] == "walls"
@@ -244,7 +245,6 @@ def test_each_profile_is_offered_with_whom_it_suits() -> None:
     assert lines[1].startswith("# --profile paper: to repeat the paper")
 
 
-@pytest.mark.default_profile
 def test_what_does_not_go_with_the_default_profile_is_told_of_it() -> None:
     assert run("config", "--set", "independence=detection").stderr == (
         "possmap: the default profile robust (--profile paper has no discounts): certainty_power, "

@@ -15,6 +15,8 @@ from PIL import Image
 
 from possmap.cli.main import main
 
+pytestmark = pytest.mark.default_profile
+
 ROOT = Path(__file__).parents[2]
 WALLS = "[[0, 0, 6, 0], [6, 0, 6, 4], [0, 4, 6, 4], [0, 0, 0, 4]]"
 TINY = f"""robots: 1

@@ -16,6 +16,8 @@ from possmap.lab.simulate.mission_file import read_mission
 from possmap.lab.simulate.settings import MissionSettings
 from possmap.lab.simulate.world_file import WorldFile
 
+pytestmark = pytest.mark.default_profile
+
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/simulate.md").read_text(encoding="utf-8")
 

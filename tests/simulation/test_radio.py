@@ -19,6 +19,8 @@ from possmap.lab.simulate.mission import Mission
 from possmap.lab.simulate.settings import MissionSettings
 from possmap.lab.simulate.summary import host_knows, in_order
 
+pytestmark = pytest.mark.default_profile
+
 CASES = [("figure8", 3, 1), ("figure8", 3, 7), ("maze", 4, 2), ("office", 8, 3)]
 
 
