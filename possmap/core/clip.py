@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from possmap.core.correction import CorrectedStretch
-from possmap.core.lattice import Window
+from possmap.core.lattice import HAIR, Window
 from possmap.core.records import Wall
 
 TOUCHING_M = 1e-9
@@ -47,7 +47,7 @@ class ClipLine(NamedTuple):
 
     def touch(self, resolution: float) -> float:
         """Return how far from the line the centre of a cell that it touches may lie [m]."""
-        return resolution / 2 * (abs(self.normal_x) + abs(self.normal_y))
+        return resolution / 2 * (abs(self.normal_x) + abs(self.normal_y)) + HAIR * resolution
 
 
 Clips: TypeAlias = Sequence[tuple[ClipLine, ...]]
@@ -96,7 +96,7 @@ def _towards_point(run: CorrectedStretch, x: float, y: float) -> tuple[float, fl
 def spared(window: Window, lines: tuple[ClipLine, ...], resolution: float) -> NDArray[np.bool_]:
     """Return which cells of ``window`` the path must say nothing of, shape (rows, columns).
 
-    A cell is touched if its centre lies within c/2·(|n_x| + |n_y|) of the line.
+    A cell is touched if its centre lies within c/2·(|n_x| + |n_y|) of the line, and a hair.
     """
     x = (np.arange(window.column0, window.column1) + 0.5) * resolution
     y = (np.arange(window.row0, window.row1) + 0.5) * resolution

@@ -867,7 +867,8 @@ class _Line(NamedTuple):
         """Whether the line touches ``cell`` or hides it from the run's farther end."""
         centre = Point((cell[0] + 0.5) * c, (cell[1] + 0.5) * c)
         distance = self.distance(centre)
-        if abs(distance) <= c / 2.0 * (abs(self.normal_x) + abs(self.normal_y)):
+        touch = c / 2.0 * (abs(self.normal_x) + abs(self.normal_y)) + CELL_TOLERANCE * c
+        if abs(distance) <= touch:
             return True
         at_first, at_last = self.distance(leg.first), self.distance(leg.last)
         seen_from = at_first if abs(at_first) >= abs(at_last) else at_last
