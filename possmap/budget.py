@@ -55,12 +55,12 @@ class Budget:
     @property
     def batch_records(self) -> int:
         """Records that may be read before they are committed."""
-        return self.spare // 2 // _RECORD_BYTES
+        return self.spare // 3 // _RECORD_BYTES
 
     @property
     def ahead(self) -> int:
         """What other processes may have read and laid out before it is asked for [bytes]."""
-        return min(self.spare // 8, _AHEAD_BYTES)
+        return min(self.spare // 12, _AHEAD_BYTES)
 
     @property
     def log_bytes(self) -> int:
