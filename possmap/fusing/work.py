@@ -51,7 +51,8 @@ def segment_works(table: Floats, lines: Floats, resolution: float) -> Floats:
     begins, ends = np.zeros(len(table)), np.ones(len(table))
     for half0, half1 in ((half_x0, half_x1), (half_y0, half_y1)):
         grows = half1 - half0
-        crossing = np.clip((most - half0) / np.where(grows == 0, 1, grows), 0, 1)
+        with np.errstate(over="ignore"):  # beyond all numbers is beyond the end
+            crossing = np.clip((most - half0) / np.where(grows == 0, 1, grows), 0, 1)
         begins = np.maximum(begins, np.where(grows < 0, crossing, 0))
         ends = np.minimum(ends, np.where(grows > 0, crossing, 1))
     share = np.maximum(0, ends - begins)

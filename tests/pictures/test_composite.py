@@ -167,7 +167,7 @@ if __name__ == "__main__":
 
     with tempfile.TemporaryDirectory() as folder:
         grid_path = Path(folder) / "site.possmap"
-        possmap.fuse(DATA, grid_path)
+        possmap.fuse(DATA, grid_path, ROBUST)
         with possmap.open_grid(grid_path) as opened:
             for file_name, look in LOOKS.items():
                 picture(opened, look).save(GOLDEN / file_name, optimize=True)
