@@ -5,10 +5,14 @@ maps against the truth, as `possmap evaluate --beside` does. Prints, as Markdown
 docs/quality.md: medians over seeds.
 
     python tests/benchmarks/quality.py [--seeds 20] [--jobs 2] [--worlds maze ...]
+        [--geometry walls heading] [--profiles robust paper]
+    python tests/benchmarks/quality.py --variants [--seeds 4]
     python tests/benchmarks/quality.py --nights 60 [--house office] [--broken 25] [--keep DIR]
 
-With --nights three robots go out every night in one house, all into one grid; --broken breaks the
-wheels of r3 from that night on, and --keep leaves the grids there, for `possmap audit`. Worlds
+With --variants one office is judged as it is, with worse sensors, thick or slanted walls, and
+fused under wrong axes. With --nights three robots go out every night in one house, all into one
+grid; --broken breaks the wheels of r3 from that night on, and --keep leaves the grids there, for
+`possmap audit`. Worlds
 marked * had a say in choosing settings. Floor plans are taken from ../shared where it is there,
 and left out where it is not.
 """
@@ -28,6 +32,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from PIL import Image, ImageDraw
 
 from possmap.fusing.fuse import fuse
 from possmap.lab.evaluate.bayes import LogOddsSettings
@@ -54,12 +59,18 @@ class World:
 
     mission : a shipped one, which also says how many robots; more : keys that differ.
     plan : the image of a floor plan that takes the place of the mission's world.
+    thickness : its walls are drawn so thick, as an image [m]; None leaves them lines.
+    slant : and its horizontal walls rise by so much per metre.
+    settings : of fuse.
     """
 
     name: str
     mission: str
     more: tuple[tuple[str, str], ...] = ()
     plan: str = ""
+    thickness: float | None = None
+    slant: float = 0.0
+    settings: tuple[tuple[str, str], ...] = ()
 
 
 WORLDS = (
@@ -75,6 +86,23 @@ WORLDS = (
     World("plan office_a", "office", plan="office_a.png"),
     World("plan NLB", "office", plan="NLB.png"),
 )
+
+OFFICE = (("world.seed", "9"), ("world.size", "[25, 16]"))
+VARIANTS = (
+    World("as it is", "office", OFFICE),
+    World("IR noise of 3 cm", "office", (*OFFICE, ("ir_noise", "0.03"))),
+    World("lining up off by 2°", "office", (*OFFICE, ("alignment_spread", "2"))),
+    World(
+        "the same, said", "office", (*OFFICE, ("alignment_spread", "2")),
+        settings=(("alignment_spread", "2"),),
+    ),
+    World("axes off by 1°", "office", OFFICE, settings=(("axes", "1"),)),
+    World("walls 0.05 m thick", "office", OFFICE, thickness=0.05),
+    World("walls 0.1 m thick", "office", OFFICE, thickness=0.1),
+    World("walls 0.15 m thick", "office", OFFICE, thickness=0.15),
+    World("half of the walls slanted by 3°", "office", OFFICE, thickness=0.1, slant=0.0524),
+    World("half of the walls slanted by 10°", "office", OFFICE, thickness=0.1, slant=0.176),
+)  # fmt: skip
 
 GEOMETRIES: Mapping[str, Mapping[str, str]] = {
     "walls": {"estimator": "walls", "orthogonal": "true", "turn_noise": "0.7"},
@@ -111,12 +139,41 @@ def home_of(plan: Path) -> tuple[float, float]:
     return (column + 0.5) * PIXEL_M, (row + 0.5) * PIXEL_M
 
 
+def drawn(world: World, image: Path) -> str:
+    """Draw a world with thick or slanted walls; return it as a mission's ``world``."""
+    with tempfile.TemporaryDirectory() as name:
+        simulate(
+            MISSIONS / f"{world.mission}.yaml",
+            Path(name) / "out",
+            {**dict(world.more), "minutes": "0.1"},
+        )
+        told = json.loads((Path(name) / "out" / "truth.json").read_text())
+    walls = np.array(told["walls"]).reshape(-1, 2, 2)
+    walls[..., 1] += world.slant * walls[..., 0]
+    low = walls.min(axis=(0, 1)) - 1.0
+    columns, rows = np.ceil((walls.max(axis=(0, 1)) + 1.0 - low) / PIXEL_M).astype(int).tolist()
+    plan = Image.new("L", (columns, rows), 255)
+    thick = max(1, round((world.thickness or PIXEL_M) / PIXEL_M))
+    for pixels in np.floor((walls - low) / PIXEL_M).tolist():
+        (x0, y0), (x1, y1) = pixels
+        ImageDraw.Draw(plan).line([x0, rows - 1 - y0, x1, rows - 1 - y1], fill=0, width=thick)
+    plan.save(image)
+    (x, y) = told["home"]
+    home = [x, y + world.slant * x]
+    return f"{{image: {image}, resolution: {PIXEL_M}, origin: {low.tolist()}, home: {home}}}"
+
+
 def drive(world: World, folder: Path, given: Mapping[str, str]) -> int:
     """Drive a mission into a folder; return how many excursions came home."""
     mission, given = MISSIONS / f"{world.mission}.yaml", {**dict(world.more), **given}
-    if world.plan:
+    plan = ""
+    if world.thickness is not None:
+        plan = drawn(world, folder.with_suffix(".png"))
+        given = {key: value for key, value in given.items() if not key.startswith("world.")}
+    elif world.plan:
         x, y = home_of(PLANS / world.plan)
         plan = f"{{image: {PLANS / world.plan}, resolution: {PIXEL_M}, home: [{x}, {y}]}}"
+    if plan:
         lines = {"robots": "6", **given, "world": plan}
         mission, given = folder.with_suffix(".yaml"), {}
         mission.write_text("".join(f"{key}: {value}\n" for key, value in lines.items()))
@@ -140,7 +197,13 @@ def scores_of(found: Evaluation, names: Sequence[str], geometry: str) -> Scores:
     return scores
 
 
-def one_mission(world: World, calibrated: bool, seed: int) -> Scores:
+def one_mission(
+    world: World,
+    calibrated: bool,
+    geometries: Sequence[str],
+    profiles: Sequence[str],
+    seed: int,
+) -> Scores:
     """Drive, fuse and judge one mission; empty if nobody came home."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "out"
@@ -148,13 +211,13 @@ def one_mission(world: World, calibrated: bool, seed: int) -> Scores:
         if not drive(world, folder, told):
             return {}
         scores: Scores = {}
-        for geometry in GEOMETRIES:
-            grids = [Path(name) / f"{profile}-{geometry}.possmap" for profile in PROFILES]
-            for profile, grid in zip(PROFILES, grids, strict=True):
-                fuse([str(folder / "logs")], grid, request(profile, geometry))
+        for geometry in geometries:
+            grids = [Path(name) / f"{profile}-{geometry}.possmap" for profile in profiles]
+            for profile, grid in zip(profiles, grids, strict=True):
+                fuse([str(folder / "logs")], grid, request(profile, geometry, dict(world.settings)))
             question = Question(beside=tuple(grids[1:]), baselines=TUNED)
             found = evaluate(grids[0], folder / "truth.json", question)
-            scores |= scores_of(found, PROFILES, geometry)
+            scores |= scores_of(found, profiles, geometry)
         return scores
 
 
@@ -191,13 +254,14 @@ def worlds_study(options: argparse.Namespace) -> None:
         for calibrated in (True, False):
             say(f"## Robots {'' if calibrated else 'not '}calibrated", "")
             every: dict[str, Scores] = {}
-            for world in WORLDS:
+            for world in VARIANTS if options.variants else WORLDS:
                 if options.worlds and not any(one in world.name for one in options.worlds):
                     continue
                 if world.plan and not (PLANS / world.plan).exists():
                     say(f"**{world.name}**: left out, since ../shared is not there", "")
                     continue
-                outcomes = list(pool.map(partial(one_mission, world, calibrated), seeds))
+                study = partial(one_mission, world, calibrated, options.geometry, options.profiles)
+                outcomes = list(pool.map(study, seeds))
                 outcomes = [one for one in outcomes if one]
                 if not outcomes:
                     continue
@@ -207,7 +271,7 @@ def worlds_study(options: argparse.Namespace) -> None:
             if every:
                 say("**All worlds**: means of their medians", "")
                 say(*table("method", means(list(every.values())).items()))
-                say(*winners(every))
+                say(*winners(every, options.geometry))
 
 
 def means(worlds: Sequence[Scores]) -> Scores:
@@ -221,9 +285,9 @@ def means(worlds: Sequence[Scores]) -> Scores:
     }
 
 
-def winners(every: Mapping[str, Scores]) -> Iterator[str]:
+def winners(every: Mapping[str, Scores], geometries: Sequence[str]) -> Iterator[str]:
     """Yield on how many worlds robust is first among the methods of each geometry."""
-    for geometry in GEOMETRIES:
+    for geometry in geometries:
         for title in ("F1 15 cm", "AUC"):
             behind = {}
             for world, scores in every.items():
@@ -313,12 +377,14 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("--worlds", nargs="*", help="only worlds whose names hold one of these")
+    parser.add_argument("--variants", action="store_true", help="one office, and what is odd")
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=101)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--nights", type=int, help="the study of so many nights in one house")
     parser.add_argument("--house", default="office", help="where, one of the worlds")
     parser.add_argument("--geometry", nargs="*", default=["walls"], choices=[*GEOMETRIES])
+    parser.add_argument("--profiles", nargs="*", default=["robust"], choices=PROFILES)
     parser.add_argument("--broken", type=int, metavar="NIGHT", help="r3's wheels from then on")
     parser.add_argument("--calibrated", action=argparse.BooleanOptionalAction, default=True)
     parser.add_argument("--keep", help="a new folder for the grids and logs of the nights")

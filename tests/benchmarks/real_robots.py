@@ -1,18 +1,25 @@
 """Real recordings converted, fused and judged: coverage of the rectangles, and F1 of the map.
 
     python tests/benchmarks/real_robots.py [--data ../shared/realdata] [--only intel]
+        [--half first] [--set NAME=VALUE ...]
 
 Intel is as recorded: raw odometry, the corrected poses of the same scans for truth. freiburg-079
 and aces have real scans at corrected poses; the odometry error is ours (see ``spoilt``). Each is
 cut into legs of 10, 20 and 40 m that begin at corrected poses. On the first half of the recording
-drift, turn_gain and scale are fitted by least squares, and along, across and alignment_spread
-chosen, one triple for all lengths: the smallest rectangles that hold 96 % of the first half's
-poses. What is printed is of the second half, fused under the profile robust, ``max_error`` 1.
+drift, turn_gain and scale are fitted by least squares, the building's axes are found, and the
+spreads are chosen, one choice for all lengths: the smallest rectangles that hold 96 % of the first
+half's poses. What is printed is of the second half, fused under the profile robust, ``max_error``
+1: once with the estimator ``walls``, which chooses along, across and wall_tilt, and once with
+``heading`` on logs of ``convert --orthogonal``, which chooses along, across and alignment_spread.
+Walls never tell the heading twice.
+
+With ``--half first`` the first half is judged instead: for choosing settings of the profile.
 """
 
 from __future__ import annotations
 
 import argparse
+import cmath
 import gzip
 import itertools
 import json
@@ -26,12 +33,12 @@ from typing import Any
 
 import numpy as np
 
-from possmap.core.correction import correct
-from possmap.core.estimators import at_start
+from possmap.core.estimators import estimate
 from possmap.core.model import ErrorModel
-from possmap.core.propagation import propagate
-from possmap.core.records import PartialMap, Pose
+from possmap.core.records import PartialMap, Pose, Wall
+from possmap.core.settings import EvidenceSettings
 from possmap.core.track import stretches
+from possmap.core.walls import LEAST_LENGTH_M
 from possmap.fusing.fuse import fuse
 from possmap.lab.convert.request import Models, Request
 from possmap.lab.convert.run import convert_recordings
@@ -41,7 +48,7 @@ from possmap.lab.recordings import Source, find_mapping, open_recordings, read_m
 from possmap.logs import read_log
 from possmap.settings.limits import Limits
 from possmap.settings.request import Request as FuseRequest
-from possmap.settings.setting_table import Given, parse_setting
+from possmap.settings.setting_table import parse_setting
 
 LEGS = (10.0, 20.0, 40.0)
 BEAMS = (-90.0, 0.0, 90.0)
@@ -49,6 +56,9 @@ HELD = 0.96
 ACROSS = (0.005, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.13, 0.16)
 ALONG = (0.02, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3)
 ALIGNMENT = (3, 6, 9, 12)
+TILT = (4.5, 9, 15, 20)
+TURN_NOISE = 0.7
+"""As the profile robust has it [deg]."""
 CELL_M = 0.05
 
 
@@ -194,42 +204,70 @@ def true_at(data: Data, t: Sequence[float]) -> np.ndarray:
     return np.column_stack([np.interp(t, data.true[:, 0], column) for column in columns])
 
 
-def held(data: Data, legs: Sequence[PartialMap], model: ErrorModel) -> tuple[float, float]:
+def carried_by(orthogonal: bool, axes: float) -> EvidenceSettings:
+    """Return how errors are carried: walls that convert has used tell the heading no more."""
+    if orthogonal:
+        return EvidenceSettings(estimator="heading")
+    return EvidenceSettings(estimator="walls", orthogonal=True, axes=axes)
+
+
+def held(
+    data: Data, legs: Sequence[PartialMap], model: ErrorModel, settings: EvidenceSettings
+) -> tuple[float, float]:
     """Return the share of poses within their rectangles, and the legs' mean last half-width."""
     inside, last = [], []
     for leg in legs:
         first = next(record for record in leg.records if isinstance(record, Pose))
-        track = correct(stretches(leg.records), model)
+        track = stretches(leg.records)
         if not track:
             continue
-        errors = propagate(at_start(first, "heading"), track, model)
-        true = true_at(data, [one.logged.end.t or 0.0 for one in track])
-        off = np.abs(np.array([one.end for one in track]) - true[:, :2])
-        halves = np.array([(one.end.half_x, one.end.half_y) for one in errors])
+        found = estimate(first, track, model, settings)
+        true = true_at(data, [one.end.t or 0.0 for one in track])
+        off = np.abs(np.array([one.end for one in found.stretches]) - true[:, :2])
+        halves = np.array([(one.end.half_x, one.end.half_y) for one in found.errors])
         inside.append((off <= halves + 1e-3).all(axis=1))
         last.append(float(halves[-1].mean()))
     return float(np.concatenate(inside).mean()), float(np.mean(last))
 
 
+def found_axes(legs: Sequence[PartialMap]) -> float:
+    """Return the direction along which most metres of wall lie, as ``check`` proposes it [deg]."""
+    along = 0j
+    for wall in (record for leg in legs for record in leg.records if isinstance(record, Wall)):
+        run = complex(wall.x2 - wall.x, wall.y2 - wall.y)
+        along += run**4 / abs(run) ** 3 if abs(run) >= LEAST_LENGTH_M else 0
+    return round(math.degrees(cmath.phase(along)) / 4, 1)
+
+
 def spreads(
-    data: Data, halves: Mapping[float, Sequence[PartialMap]], orthogonal: bool
+    data: Data, halves: Mapping[float, Sequence[PartialMap]], settings: EvidenceSettings
 ) -> dict[str, float]:
-    """Choose along, across and alignment_spread on the first half of the legs."""
+    """Choose along, across and a third spread on the first half of the legs."""
     best: tuple[float, dict[str, float]] = math.inf, {}
-    for along, across, align in itertools.product(ALONG, ACROSS, ALIGNMENT if orthogonal else (0,)):
-        given = {"along": along, "across": across, "alignment_spread": float(align)}
-        model = ErrorModel(turn_spread=0.0, **given)
-        found = [held(data, legs, model) for legs in halves.values()]
-        size = sum(width / length for (_, width), length in zip(found, halves, strict=True))
-        if min(share for share, _ in found) >= HELD and size < best[0]:
+    walls = settings.estimator == "walls"
+    name, values = ("wall_tilt", TILT) if walls else ("alignment_spread", ALIGNMENT)
+    for along, across, third in itertools.product(ALONG, ACROSS, values):
+        given = {"along": along, "across": across, name: float(third)}
+        model = ErrorModel(**given, turn_spread=0.0, turn_noise=TURN_NOISE)
+        size = 0.0
+        for length, legs in halves.items():
+            share, width = held(data, legs, model, settings)
+            size += width / length
+            if share < HELD or size >= best[0]:
+                break
+        else:
             best = size, given
     return best[1]
 
 
 def judged(
-    data: Data, legs: Sequence[PartialMap], path: Path, model: Mapping[str, float]
+    data: Data,
+    legs: Sequence[PartialMap],
+    path: Path,
+    model: Mapping[str, float],
+    given: Mapping[str, str],
 ) -> Iterator[str]:
-    """Yield the cells of one row: of the second half of the legs."""
+    """Yield the cells of one row: of the legs that are judged, fused under some settings."""
     names = {leg.name for leg in legs}
     chosen = path.with_name("half.jsonl")
     keep = False
@@ -253,8 +291,8 @@ def judged(
     path.with_name("truth.json").write_text(json.dumps(truth))
     grid = path.with_name("site.possmap")
     grid.unlink(missing_ok=True)
-    given: dict[str, Given] = {"max_error": parse_setting("max_error", "1", "here")}
-    summary = fuse([str(chosen)], grid, FuseRequest(profile="robust", overrides=given))
+    parsed = {name: parse_setting(name, text, "--set") for name, text in given.items()}
+    summary = fuse([str(chosen)], grid, FuseRequest(profile="robust", overrides=parsed))
     if summary.count("refused"):
         raise SystemExit(str(summary.logs[0].error))
     found = evaluate(grid, path.with_name("truth.json"), Question())
@@ -267,12 +305,13 @@ def judged(
 APPLIED = ("drift", "turn_gain", "scale")
 
 
-def report(data: Data, work: Path) -> None:
+def report(data: Data, work: Path, first_half: bool, given: Mapping[str, str]) -> None:
     """Print a recording's table."""
     known = known_errors(data)
-    say(f"\n**{data.name}**: {', '.join(f'{k} {v:g}' for k, v in known.items())}\n")
+    told = {name: value for name, value in known.items() if name in APPLIED}
+    say(f"\n**{data.name}** (fitted: {', '.join(f'{k} {v:g}' for k, v in told.items())})\n")
     say(
-        "| legs | orthogonal | along across alignment | held, 1st half | held, 2nd half | "
+        "| legs | estimator | along, across, tilt or alignment | held, 1st half | held, 2nd half | "
         "half-width at the end [m] | F1 possmap | bayes | smeared | all wall | true poses |"
     )
     say("|" + " --- |" * 11)
@@ -280,18 +319,25 @@ def report(data: Data, work: Path) -> None:
         paths = {length: work / f"{length:g}.jsonl" for length in LEGS}
         legs = {n: convert(data, n, orthogonal, known, path) for n, path in paths.items()}
         first = {length: some[: (len(some) + 1) // 2] for length, some in legs.items()}
-        chosen = spreads(data, first, orthogonal)
+        axes = 0.0 if orthogonal else found_axes(first[LEGS[0]])
+        settings = carried_by(orthogonal, axes)
+        chosen = spreads(data, first, settings)
         if not chosen:
             say(f"no choice holds {HELD:.0%} of the first half, orthogonal {orthogonal}")
             continue
-        model = ErrorModel(turn_spread=0.0, **chosen)
+        model = ErrorModel(turn_spread=0.0, turn_noise=TURN_NOISE, **chosen)
+        carried = {"estimator": settings.estimator, "axes": f"{axes:g}", "max_error": "1"}
         for length, some in legs.items():
             second = some[(len(some) + 1) // 2 :]
-            before, _ = held(data, first[length], model)
-            share, width = held(data, second, model)
-            row = judged(data, second, paths[length], {**chosen, "turn_spread": 0.0})
+            before, _ = held(data, first[length], model, settings)
+            share, width = held(data, second, model, settings)
+            asked = first[length] if first_half else second
+            row = judged(
+                data, asked, paths[length], {**chosen, "turn_spread": 0.0}, {**carried, **given}
+            )
+            name = "heading, --orthogonal" if orthogonal else f"walls, axes {axes:g}°"
             say(
-                f"| {length:g} m, {len(second)} | {'yes' if orthogonal else 'no'} | "
+                f"| {length:g} m, {len(asked)} | {name} | "
                 f"{' '.join(f'{value:g}' for value in chosen.values())} | {before:.3f} | "
                 f"{share:.3f} | {width:.2f} | {' | '.join(row)} |"
             )
@@ -311,6 +357,8 @@ def main() -> None:
     shared = Path(__file__).parents[3] / "shared/realdata"
     parser.add_argument("--data", type=Path, default=shared, help="the folder of recordings")
     parser.add_argument("--only", choices=["intel", "freiburg-079", "aces"])
+    parser.add_argument("--half", choices=["first", "second"], default="second")
+    parser.add_argument("--set", nargs="*", default=[], metavar="NAME=VALUE", dest="given")
     options = parser.parse_args()
     if not options.data.is_dir():
         raise SystemExit(f"{options.data}: not here; these recordings are not part of possmap")
@@ -319,7 +367,8 @@ def main() -> None:
         for one in ("intel", "freiburg-079", "aces"):
             if options.only in (None, one):
                 data = intel(options.data) if one == "intel" else spoilt(options.data, one, work)
-                report(data, work)
+                given = dict(one.split("=") for one in options.given)
+                report(data, work, options.half == "first", given)
 
 
 if __name__ == "__main__":

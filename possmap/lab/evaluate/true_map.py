@@ -35,7 +35,8 @@ class TrueMap:
     window, resolution
         The cells, and their side [m].
     walls
-        Wall cells.
+        Wall cells that a robot could see: without those within solid, such as the wall behind a
+        cupboard.
     squares
         Squared distance to the nearest wall cell, in cells, exact up to 0.3 m.
     free
@@ -44,11 +45,15 @@ class TrueMap:
     free_cells
         How many there are, in the window and beyond; None as above.
     solid
-        Cells inside of walls and pillars, into which nobody can get.
+        Cells inside of walls and pillars, into which nobody can get, and walls that face no floor
+        that anybody can get to.
+    wall_cells
+        How many walls there are that could be seen, in the window and beyond.
     whole
         A window that holds this one and all walls, or as much of them as can be held.
     counts
-        Wall cells of ``whole`` below and left of each corner, shape (rows + 1, columns + 1).
+        Wall cells of ``whole``, seen or not, below and left of each corner, shape (rows + 1,
+        columns + 1).
     """
 
     window: Window
@@ -58,13 +63,9 @@ class TrueMap:
     free: Flags | None
     free_cells: int | None
     solid: Flags
+    wall_cells: int
     whole: Window
     counts: Squares
-
-    @property
-    def wall_cells(self) -> int:
-        """How many wall cells there are, in the window and beyond."""
-        return int(self.counts[-1, -1])
 
     def near(self, squares: Squares, tolerance_m: float) -> Flags:
         """Return which of some squared distances are within a tolerance of at most 0.3 m."""
@@ -105,14 +106,16 @@ def true_map(
     squares = squared_distances(cells, reach_of(FARTHEST_M, resolution))
     cut = window.slices_in(whole)
     free, solid = _free_and_solid(cells, inside, whole, resolution)
+    seen = cells & ~solid
     return TrueMap(
         window=window,
         resolution=resolution,
-        walls=cells[cut].copy(),
+        walls=seen[cut].copy(),
         squares=squares[cut].copy(),
         free=None if free is None else free[cut].copy(),
         free_cells=None if free is None else int(free.sum()),
         solid=solid[cut].copy(),
+        wall_cells=int(seen.sum()),
         whole=whole,
         counts=integral(cells),
     )
@@ -124,7 +127,8 @@ def _free_and_solid(
     """Tell what is reached from places that are free for sure, and what is solid.
 
     Solid is what nobody reaches if walls close it in, or if it is thin: the insides of a building's
-    thick walls hang together, and often with the world outside.
+    thick walls hang together, and often with the world outside. So are walls without any free
+    cell beside them: the building's own behind a cupboard.
     """
     places = np.floor(inside / resolution + HAIR).astype(np.int64)
     regions = Regions(walls)
@@ -139,6 +143,7 @@ def _free_and_solid(
     free = regions.painted(reached)
     unreached = ~(free | walls)
     solid |= unreached & ~_opened(unreached, reach_of(THICKEST_M / 2, resolution))
+    solid |= walls & ~_any_around(free, 1)
     return free, solid
 
 
