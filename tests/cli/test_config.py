@@ -212,7 +212,7 @@ def test_the_profile_robust_is_the_methods_and_leaves_the_rest_alone() -> None:
         "orthogonal": True,
         "independence": "excursion",
         "free_fusion": "dempster",
-        "certainty_power": 1.5,
+        "certainty_power": 2.0,
         "pass_weight": 0.5,
         "free_along_walls": True,
         "free_along_beams": True,
@@ -248,7 +248,7 @@ def test_each_profile_is_offered_with_whom_it_suits() -> None:
 def test_what_does_not_go_with_the_default_profile_is_told_of_it() -> None:
     assert run("config", "--set", "independence=detection").stderr == (
         "possmap: the default profile robust (--profile paper has no discounts): certainty_power, "
-        "found 1.5, expected 1 without independence: excursion\n"
+        "found 2.0, expected 1 without independence: excursion\n"
     )
     paper = in_force("--profile", "paper")
     assert paper["certainty_power"] == 1
