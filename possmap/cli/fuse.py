@@ -167,7 +167,7 @@ def fuse(
             f"{summary.count('refused')} refused"
         )
         click.echo(line)
-        for told in reach_line(summary.reach):
+        for told in reach_line(summary.reach, summary.undecided):
             click.echo(told)
     if summary.count("refused") and not (tolerate_refused and not strict):
         ctx.exit(1)

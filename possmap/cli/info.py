@@ -49,6 +49,8 @@ def _as_json(found: GridInfo) -> dict[str, Any]:
         "tiles": found.tiles,
         "file_size": found.file_size,
         "records": found.records,
+        "cells_known": found.undecided and found.undecided.known,
+        "cells_contested": found.undecided and found.undecided.contested,
         "robots": found.robots,
         "by_robot": {name: asdict(share) for name, share in found.by_robot.items()},
         "by_week": {name: asdict(share) for name, share in found.by_week.items()},
@@ -151,6 +153,10 @@ def _as_text(found: GridInfo) -> list[str]:
     )
     if used or vague or outliers:
         lines += [f"heading     {used} observations used, {vague} vague, {outliers} outliers"]
+    if found.undecided is None:
+        lines += ["contested   not counted: the map is large"]
+    elif found.undecided.known:
+        lines += [f"contested   {found.undecided.share:.1%} of {found.undecided.known} known cells"]
     return lines + [f"forgotten   {_forgotten(one)}" for one in found.forgotten]
 
 

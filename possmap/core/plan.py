@@ -64,6 +64,13 @@ class ExcursionPlan:
         """Beyond any of its groups' numbers."""
         return 1 + int(self.pieces[:, _GROUP].max(initial=0))
 
+    @property
+    def tiles(self) -> set[TileKey]:
+        """The tiles in which it says anything."""
+        return {
+            TileKey(*place) for place in np.unique(self.pieces[:, [_ROW, _COLUMN]], axis=0).tolist()
+        }
+
     def among(self, keys: Collection[TileKey], layer: Layer | None = None) -> ExcursionPlan:
         """Return what it says in some tiles; of one layer, or of all."""
         wanted = np.array([tuple(key) for key in keys], dtype=np.int64).reshape(-1, 2)

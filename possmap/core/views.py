@@ -150,47 +150,6 @@ def _logistic(logit: CellArray) -> CellArray:
     return found
 
 
-def ignorance(necessity: CellArray, possibility: CellArray) -> CellArray:
-    """Return max(0, Π - N): how much is not known."""
-    return np.maximum(0.0, possibility - necessity)
-
-
-def conflict(necessity: CellArray, possibility: CellArray) -> CellArray:
-    """Return Dempster's K = N·(1 - Π): how much of the evidence contradicts itself."""
-    return necessity * (1 - possibility)
-
-
-def contradicted(necessity: CellArray, possibility: CellArray) -> NDArray[np.bool_]:
-    """Return the cells with N > Π, which no probability satisfies."""
-    return necessity > possibility
-
-
-def masses(necessity: CellArray, possibility: CellArray) -> Masses:
-    """Return m(wall), m(free) and m(Ω), with N and Π kept e⁻¹⁶ away from certainty."""
-    n, p = _inside(necessity, possibility)
-    rest = 1 - n * (1 - p)
-    return Masses(n * p / rest, (1 - n) * (1 - p) / rest, (1 - n) * p / rest)
-
-
-def probability(necessity: CellArray, possibility: CellArray, base_rate: float = 0.5) -> CellArray:
-    """Return the normalised plausibility: logit = -ln(1 - N) + ln Π + logit(base rate).
-
-    Raises
-    ------
-    ValueError
-        Unless 0 < base_rate < 1.
-    """
-    if not 0 < base_rate < 1:
-        raise ValueError(f"base_rate, found {base_rate}, expected a number between 0 and 1")
-    n, p = _inside(necessity, possibility)
-    logit = -np.log1p(-n) + np.log(p) + math.log(base_rate / (1 - base_rate))
-    return 1 / (1 + np.exp(-logit))
-
-
-def _inside(necessity: CellArray, possibility: CellArray) -> tuple[CellArray, CellArray]:
-    return np.minimum(necessity, 1 - EDGE), np.maximum(possibility, EDGE)
-
-
 NOTHING = Readout(w=np.zeros(1), v=np.zeros(1), possibility=np.ones(1))
 """A cell of which nothing is known."""
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 from possmap.budget import Budget
+from possmap.core.lattice import TileKey
 from possmap.core.plan import TileWork, by_tile
 from possmap.core.settings import EvidenceSettings
 from possmap.errors import LogError, TileError, WorkerError, printable
@@ -26,6 +27,7 @@ from possmap.grid.arrivals import Arrival
 from possmap.grid.grid import Grid
 from possmap.grid.ledger import Ledger
 from possmap.grid.opening import check_file
+from possmap.grid.tiles import MOST_COUNTED, Undecided
 from possmap.progress import Progress, quiet
 from possmap.release import version
 from possmap.settings.request import Request, in_force
@@ -64,12 +66,14 @@ class FuseSummary:
     """What a run of ``fuse`` did, or with ``dry_run`` would have done.
 
     reach : of the excursions that grew, by robot and excursion: how much they can say.
+    undecided : of the tiles that they touched, the cells known and contested; None of too many.
     seconds : by the clock on the wall.
     """
 
     grid: Path
     logs: tuple[Outcome, ...]
     reach: dict[tuple[str, str], Reach]
+    undecided: Undecided | None
     seconds: float
 
     @property
@@ -145,6 +149,7 @@ def fuse(
     budget, given = budget or Budget(DEFAULT_MIB), (request or Request()).given()
     outcomes: list[Outcome] = []
     reach: dict[tuple[str, str], Reach] = {}
+    touched: set[TileKey] = set()
     with _enough_memory(), ExitStack() as stack:
         site = _Site(grid, budget, stack)
         settings = in_force(given, site.settings, grid)
@@ -162,8 +167,12 @@ def fuse(
                 joining, done = _added(batch, site, settings, strict, workers, progress)
                 outcomes += done
             reach |= {name: one.reach for name, one in joining.laid_out.items()}
+            touched.update(key for one in joining.laid_out.values() for key in one.plan.tiles)
             joining.let_go()
-    return FuseSummary(grid, tuple(outcomes), reach, time.perf_counter() - start)
+        undecided = None
+        if touched and not dry_run and len(touched) <= MOST_COUNTED:
+            undecided = site.grid.tiles.undecided(touched)
+    return FuseSummary(grid, tuple(outcomes), reach, undecided, time.perf_counter() - start)
 
 
 class _Site:

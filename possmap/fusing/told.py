@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from possmap.core.walls import MOST_OUTLIERS
 from possmap.errors import plural, printable
 from possmap.fusing.layout import Reach
+from possmap.grid.tiles import Undecided
 
 FEW = 50
 """Of fewer records it is not asked whether ``max_error`` suits the site."""
@@ -15,34 +17,58 @@ AXES_DOUBTED = 4.0
 to be (METHOD §1)."""
 
 
-def reach_line(reach: Mapping[tuple[str, str], Reach]) -> Iterator[str]:
-    """Yield what a user should know of the excursions that were laid out, if anything: lines."""
+def reach_line(
+    reach: Mapping[tuple[str, str], Reach], undecided: Undecided | None = None
+) -> Iterator[str]:
+    """Yield what a user should know of the excursions that were laid out, if there are any: lines.
+
+    undecided : the cells of the tiles that they touched.
+    """
+    if not reach:
+        return
+    records = sum(one.records for one in reach.values())
     beyond = {name: one for name, one in reach.items() if one.beyond}
+    lost = sum(one.beyond for one in beyond.values())
+    told = [f"{records - lost} of {plural(records, 'record')} on the map used"]
+    told_by = [one.observations for one in reach.values()]
+    used, vague = sum(one.used for one in told_by), sum(one.vague for one in told_by)
+    outliers = sum(one.outliers for one in told_by)
+    if used or vague or outliers:
+        told += [
+            f"heading told by {plural(used, 'observation')}, {vague} vague, "
+            f"{plural(outliers, 'outlier')}"
+        ]
+    if undecided is not None and undecided.known:
+        told += [f"{undecided.share:.1%} of {plural(undecided.known, 'cell')} contested"]
+    yield "; ".join(told)
     if beyond:
         (robot, excursion), first = min(beyond.items(), key=lambda item: (-item[1].beyond, item[0]))
-        records = sum(one.records for one in reach.values())
-        lost = sum(one.beyond for one in beyond.values())
         others = plural(len(beyond) - 1, "other excursion") if len(beyond) > 1 else ""
         yield (
-            f"{records - lost} of {plural(records, 'record')} on the map used; {lost} say nothing, "
-            f"being as unsure as max_error or more: {_where(robot, excursion, first)}"
+            f"{plural(lost, 'record')} {'says' if lost == 1 else 'say'} nothing, being as unsure "
+            f"as max_error or more: {_where(robot, excursion, first)}"
             f"{f', and in {others}' if others else ''}; calibrate the robot, drive shorter "
             "excursions, or set max_error higher"
         )
     yield from _too_wide(reach)
     if doubts_axes(reach):
         yield (
-            f"the building's axes do not look right: the walls seen lie to one side of them by "
-            f"{_bias(reach):+.1f} times what chance allows, or contradict them; the setting axes "
-            "says where they are, and possmap check proposes it"
+            f"the building's axes do not look right: the walls seen {_doubt(reach)}; the setting "
+            "axes says where they are, and possmap check proposes it"
         )
 
 
 def doubts_axes(reach: Mapping[tuple[str, str], Reach]) -> bool:
     """Whether what walls told does not go together with the setting ``axes``."""
     seen = [one.observations for one in reach.values()]
-    odd = sum(one.outliers for one in seen) > sum(one.used for one in seen)
+    odd = sum(one.outliers - one.seen for one in seen) > MOST_OUTLIERS
     return odd or abs(_bias(reach)) > AXES_DOUBTED
+
+
+def _doubt(reach: Mapping[tuple[str, str], Reach]) -> str:
+    if abs(_bias(reach)) > AXES_DOUBTED:
+        return f"lie to one side of them by {_bias(reach):+.1f} times what chance allows"
+    return "contradict them more often than not"
 
 
 def _bias(reach: Mapping[tuple[str, str], Reach]) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import groupby
 from operator import itemgetter
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from possmap.core.lattice import TILE, TileKey, Window, joined
 from possmap.core.patches import Crop, Patch, cropped
 from possmap.core.patches import joined as joined_patches
 from possmap.core.settings import FreeFusion
+from possmap.core.views import Readout
 from possmap.errors import GridError, TileError
 from possmap.grid.database import Database
 from possmap.grid.directory import Directory
@@ -22,7 +24,22 @@ from possmap.grid.encoding import EncodedTile, decode, encode, unpacked
 _AT_ONCE = 32
 """Tiles whose bytes are read together."""
 
+MOST_COUNTED = 256
+"""Tiles of which cells are counted unasked: it takes a millisecond or two each."""
+
 _LAYERS = "0, 1, 2"
+
+
+class Undecided(NamedTuple):
+    """How many cells are known at all, and how many of these are contested above ½ (METHOD §4)."""
+
+    known: int
+    contested: int
+
+    @property
+    def share(self) -> float:
+        """Of the known cells, how many are contested."""
+        return self.contested / self.known if self.known else 0.0
 
 
 class TileStore:
@@ -148,6 +165,22 @@ class TileStore:
         for row in self.directory.rows(window):
             columns = self.directory.columns(row, window)
             yield from joined((TileKey(row, column) for column in columns), window)
+
+    def undecided(self, keys: Iterable[TileKey]) -> Undecided:
+        """Count the cells of some tiles that are contested."""
+        free_fusion, known, contested = self.free_fusion, 0, 0
+        for key in keys:
+            patch = self.patch(key)
+            layers = [patch[layer] for layer in (Layer.WALLS, Layer.FREE) if layer in patch]
+            known += sum(int(np.count_nonzero(one.cells)) for one in layers)
+            if len(layers) == 2:
+                both = layers[0].window.intersection(layers[1].window)
+                w, v = (one.cells[both.slices_in(one.window)] for one in layers)
+                at = (w > 0) & (v > 0)  # elsewhere one side says nothing
+                known -= int(np.count_nonzero(at))
+                cells = Readout.of(w[at], v[at], free_fusion)
+                contested += int(np.count_nonzero(cells.contested > 0.5))
+        return Undecided(known, contested)
 
     def _stored(
         self, layers: str, row: int, first: int, last: int | None = None

@@ -1,4 +1,4 @@
-"""``possmap info``: what a grid holds, without reading a cell."""
+"""``possmap info``: what a grid holds; its cells are read only to tell how many are contested."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from possmap.grid.arrivals import Arrival
 from possmap.grid.forgotten import Forgotten
 from possmap.grid.grid import Grid
 from possmap.grid.ledger import Entry
+from possmap.grid.tiles import MOST_COUNTED, Undecided
 from possmap.settings.setting_table import Value
 from possmap.settings.settings import Settings, assemble
 
@@ -52,6 +53,7 @@ class GridInfo:
     times : when each excursion first came, by its identity: UTC, ISO 8601.
     arrivals : what came by which file, also what was known already.
     forgotten : what was taken out, and is not let in.
+    undecided : how many cells are known and contested; None of more than MOST_COUNTED tiles.
     """
 
     grid: Path
@@ -68,6 +70,7 @@ class GridInfo:
     times: dict[int, str]
     arrivals: tuple[Arrival, ...]
     forgotten: tuple[Forgotten, ...]
+    undecided: Undecided | None
 
     @property
     def robots(self) -> list[str]:
@@ -133,4 +136,11 @@ def info(path: Path) -> GridInfo:
             times=grid.ledger.came.times(),
             arrivals=tuple(grid.ledger.came.all()),
             forgotten=grid.ledger.forgotten.all(),
+            undecided=_undecided(grid, tiles),
         )
+
+
+def _undecided(grid: Grid, tiles: int) -> Undecided | None:
+    if tiles > MOST_COUNTED:
+        return None
+    return grid.tiles.undecided(grid.tiles.directory.keys())

@@ -12,14 +12,20 @@ from hypothesis import strategies as st
 from teams import fuse, write_logs
 
 import possmap
-from possmap.core import views
 from possmap.core.fusion import CERTAIN, UNIT, WEIGHT, necessity_of
 from possmap.core.lattice import Window
 from possmap.core.pyramid import FULL
+from possmap.core.views import EDGE, Readout
 
 Record = dict[str, Any]
 values = st.integers(0, FULL)
 shares = st.floats(0, 1)
+
+
+def both(necessity: float, possibility: float) -> Readout:
+    """Return what a cell says of which both sides are known alone."""
+    w, v = -np.log(max(EDGE, 1 - necessity)), -np.log(max(EDGE, possibility))
+    return Readout(np.array([[w]]), np.array([[v]]), np.array([[possibility]]))
 
 
 def test_the_table_of_weights_is_the_methods() -> None:
@@ -37,7 +43,7 @@ def test_adding_weights_is_the_probabilistic_sum(one: int, other: int) -> None:
 
 @given(shares, shares)
 def test_masses_add_up_and_their_belief_lies_below_the_plausibility(n: float, p: float) -> None:
-    mass = views.masses(np.array([[n]]), np.array([[p]]))
+    mass = both(n, p).masses
     assert sum(float(part[0, 0]) for part in mass) == pytest.approx(1)
     assert all(float(part[0, 0]) >= 0 for part in mass)
 
@@ -45,10 +51,10 @@ def test_masses_add_up_and_their_belief_lies_below_the_plausibility(n: float, p:
 @given(shares, st.floats(0.01, 0.99))
 def test_one_detection_or_one_pass_is_a_bayesian_log_odds_update(n: float, base: float) -> None:
     prior = np.log(base / (1 - base))
-    seen = views.probability(np.array([[n]]), np.array([[1.0]]), base)[0, 0]
+    seen = both(n, 1.0).probability(base)[0, 0]
     evidence = min(16.0, -np.log(1 - n) if n < 1 else 16.0)
     assert seen == pytest.approx(1 / (1 + np.exp(-(prior + evidence))))
-    free = views.probability(np.array([[0.0]]), np.array([[1 - n]]), base)[0, 0]
+    free = both(0.0, 1 - n).probability(base)[0, 0]
     denial = max(-16.0, np.log(1 - n) if n < 1 else -16.0)
     assert free == pytest.approx(1 / (1 + np.exp(-(prior + denial))))
 

@@ -48,6 +48,7 @@ def test_a_log_is_described(tmp_path: Path) -> None:
         "  r2 a, carried by r1 a\n"
         "    records   0\n"
         "    track     0.00 m, 0 turns of 0° in all, no times\n"
+        "4 of 4 records on the map used\n"
     )
     assert (result.stderr, result.exit_code) == ("", 0)
 

@@ -66,7 +66,7 @@ def test_what_a_forgotten_robot_carried_for_others_stays(site: Path) -> None:
     assert digest(site) == fused_digest(Path(), WHOLE, log_of("r3"))
     lines = run("info", site, "--excursions").stdout.splitlines()
     assert "    4 from r2.json, carried by r2 a" in lines
-    assert at(lines[5]) == "forgotten   robot r2, AT: 4 records of 1 excursion"
+    assert at(lines[6]) == "forgotten   robot r2, AT: 4 records of 1 excursion"
 
 
 def test_json_says_what_went(site: Path) -> None:
@@ -178,7 +178,8 @@ def test_a_lie_that_came_first_does_not_lock_the_honest_robot_out(
     let_in = fuse("honest.json")
     assert (let_in.stderr, let_in.stdout) == (
         "",
-        "site.possmap: fused 1 log (6 new records), 0 known, 0 refused\n",
+        "site.possmap: fused 1 log (6 new records), 0 known, 0 refused\n"
+        "5 of 5 records on the map used; 0.0% of 21 cells contested\n",
     )
     assert fuse("liar.json").stderr.startswith(
         "possmap: liar.json:1: excursion a of robot r1 disagrees with the version from honest.json"

@@ -52,7 +52,10 @@ def grid(tmp_path: Path) -> Path:
 
 def test_a_first_log_makes_the_grid(tmp_path: Path, grid: Path) -> None:
     result = run("fuse", write(tmp_path / "a.json", log()), "-g", grid)
-    assert result.stdout == f"{grid}: fused 1 log (4 new records), 0 known, 0 refused\n"
+    assert result.stdout == (
+        f"{grid}: fused 1 log (4 new records), 0 known, 0 refused\n"
+        "4 of 4 records on the map used; 0.0% of 6 cells contested\n"
+    )
     assert (result.stderr, result.exit_code) == ("", 0)
     with possmap.open_grid(grid) as opened:
         walls = "".join("#" if n > 0.999 else "?" if n == 0 else "!" for n in opened.necessity()[0])
@@ -97,7 +100,10 @@ def test_a_refused_log_changes_nothing_and_the_others_are_fused(tmp_path: Path, 
     bad = write(tmp_path / "b.json", '{"possmap_log": 1,\n "robot": 7}')
     result = run("fuse", bad, good, "-g", grid)
     assert result.exit_code == 1
-    assert result.stdout == f"{grid}: fused 1 log (4 new records), 0 known, 1 refused\n"
+    assert result.stdout == (
+        f"{grid}: fused 1 log (4 new records), 0 known, 1 refused\n"
+        "4 of 4 records on the map used; 0.0% of 6 cells contested\n"
+    )
     assert result.stderr.startswith(f"possmap: {bad}:") and result.stderr.count("\n") == 1
     run("fuse", good, "-g", alone)
     assert digest(grid) == digest(alone)
@@ -118,7 +124,10 @@ def test_with_json_a_refused_log_has_its_error_and_stdout_nothing_else(
 def test_a_dry_run_tells_and_makes_no_file(tmp_path: Path, grid: Path) -> None:
     path = write(tmp_path / "a.json", log())
     result = run("fuse", path, "-g", grid, "--dry-run")
-    assert result.stdout == f"{grid}: would fuse 1 log (4 new records), 0 known, 0 refused\n"
+    assert result.stdout == (
+        f"{grid}: would fuse 1 log (4 new records), 0 known, 0 refused\n"
+        "4 of 4 records on the map used\n"
+    )
     assert result.exit_code == 0
     assert list(tmp_path.iterdir()) == [path]
 
@@ -184,7 +193,10 @@ def test_a_line_cut_short_is_refused_unless_asked_for(tmp_path: Path, grid: Path
     assert refused.stderr == f"possmap: {path}:5: the last line is cut short; {advice}\n"
     assert refused.exit_code == 1
     used = run("fuse", path, "-g", grid, "--allow-truncated")
-    assert used.stdout == f"{grid}: fused 1 log (3 new records), 0 known, 0 refused\n"
+    assert used.stdout == (
+        f"{grid}: fused 1 log (3 new records), 0 known, 0 refused\n"
+        "2 of 2 records on the map used; 0.0% of 5 cells contested\n"
+    )
     assert used.stderr == f"possmap: {path}:5: the last line is cut short and was left out\n"
     assert used.exit_code == 0
 
@@ -232,7 +244,10 @@ def test_another_grid_as_log_gives_its_evidence(tmp_path: Path, grid: Path) -> N
     run("fuse", path, "-g", other)
     before = other.read_bytes()
     result = run("fuse", other, "-g", grid)
-    assert result.stdout == f"{grid}: fused 1 log (8 new records), 0 known, 0 refused\n"
+    assert result.stdout == (
+        f"{grid}: fused 1 log (8 new records), 0 known, 0 refused\n"
+        "8 of 8 records on the map used; 0.0% of 7 cells contested\n"
+    )
     assert (digest(grid), other.read_bytes()) == (digest(other), before)
     known = run("fuse", path, "-g", grid)
     assert known.stdout == f"{grid}: fused 0 logs (0 new records), 1 known, 0 refused\n"

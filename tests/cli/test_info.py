@@ -63,6 +63,7 @@ def test_a_grid_is_told_line_by_line(tmp_path: Path) -> None:
         "map         21.10 × 0.55 m from (-20.05, -0.25), 422 × 11 cells of 0.05 m, 3 tiles\n"
         "evidence    8 records of 2 excursions by 2 robots\n"
         "settings    the paper's, all of them\n"
+        "contested   0.0% of 3 known cells\n"
         "  r1 a: 4 records, its own along 0.0, across 0.0, turn_spread 0.0\n"
         f"    4 from {tmp_path / '0.json'}\n"
         "  r2 x: 4 records, its own along 0.0, across 0.0, turn_spread 0.0\n"
@@ -70,14 +71,14 @@ def test_a_grid_is_told_line_by_line(tmp_path: Path) -> None:
         f"    1 from {tmp_path / '1.json'}\n"
     )
     short = run("info", grid).stdout.splitlines()
-    assert short[:5] == result.stdout.splitlines()[:5]
-    assert short[5:9] == [
+    assert short[:6] == result.stdout.splitlines()[:6]
+    assert short[6:10] == [
         "robots",
         "  r1: 1 excursion, 4 records",
         "  r2: 1 excursion, 4 records",
         "weeks",
     ]
-    assert re.fullmatch(r"  20\d\d-W\d\d: 2 excursions of 2 robots, 8 records", short[9])
+    assert re.fullmatch(r"  20\d\d-W\d\d: 2 excursions of 2 robots, 8 records", short[10])
 
 
 def test_json_tells_the_same(tmp_path: Path) -> None:
@@ -99,6 +100,8 @@ def test_json_tells_the_same(tmp_path: Path) -> None:
         "tiles": 3,
         "file_size": grid.stat().st_size,
         "records": 8,
+        "cells_known": 3,
+        "cells_contested": 0,
         "robots": ["r1", "r2"],
         "forgotten": [],
     }

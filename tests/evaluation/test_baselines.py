@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from possmap.core import views
 from possmap.core.evidence import Layer
 from possmap.core.lattice import Window
 from possmap.core.model import ErrorModel
 from possmap.core.pyramid import FULL, count_of, relevant
 from possmap.core.records import Beam, PartialMap, Pose, Record, Wall
 from possmap.core.settings import EvidenceSettings
+from possmap.core.views import Readout
 from possmap.lab.evaluate.bayes import LogOddsSettings, bayes, probability
 from possmap.lab.evaluate.local_rectangles import strongest
 from possmap.lab.evaluate.observations import JudgedExcursion, Rasterizer, observations
@@ -93,7 +93,9 @@ def test_one_detection_and_one_pass_are_possmaps_own_probability(
     there = [pose(0, 0.05, 0.15), Wall(1, None, 0.45, 0.45, 0.45, 0.45), pose(2, 0.05, 0.45)]
     through = [pose(3, 0.85, 0.45)]
     grid = bayes([outing([*there, *through])], Window(0, 6, 0, 9), C, told)
-    ours = views.probability(np.array([[n]]), np.array([[1 - denial]]), base_rate)
+    ours = Readout(
+        np.array([[-math.log1p(-n)]]), np.array([[-math.log1p(-denial)]]), np.array([[1 - denial]])
+    ).probability(base_rate)
     found = probability(grid.log_odds[4:5, 4:5].astype(np.float64), base_rate)
     assert found == pytest.approx(ours, rel=1e-5)
 
