@@ -132,7 +132,7 @@ def _as_json(found: Evaluation) -> dict[str, Any]:
         "mask_cells": found.mask_cells,
         "wall_cells": found.wall_cells,
         "base_rate": found.base_rate,
-        "resolution": found.resolution,
+        "resolution": found.resolution if found.methods else None,
         "methods": methods,
         "rectangles": {
             "coverage": rectangles and rectangles.coverage,
@@ -155,8 +155,13 @@ def _bin(part: Bin) -> dict[str, float]:
 
 def _as_text(found: Evaluation) -> Iterator[str]:
     from possmap.errors import printable
-    from possmap.lab.evaluate.report import grid_words, number_words
+    from possmap.lab.evaluate.report import grid_words, number_words, rectangle_words
 
+    if not found.methods:  # a truth of tracks alone
+        for name, one in found.grids.items():
+            if one.rectangles is not None:
+                yield f"{printable(name)}: " + ", ".join(rectangle_words(one.rectangles))
+        return
     share = found.wall_cells / found.mask_cells
     yield (
         f"judged on {found.mask_cells} cells of {found.resolution:g} m, "

@@ -282,10 +282,26 @@ def test_a_truth_of_other_logs_is_refused(tmp_path: Path) -> None:
     )
 
 
+def test_a_truth_of_tracks_alone_judges_the_rectangles(tmp_path: Path) -> None:
+    grid, captured = fused(tmp_path), json.loads(json.dumps(TRUTH | {"walls": []}))
+    captured["robots"][0]["track"][1][1] += 0.3  # 0.3 m from where it was sure to be
+    truth = written(tmp_path, captured)
+    result = run("evaluate", grid, "--truth", truth)
+    assert (result.exit_code, result.stdout) == (
+        0, "possmap: rectangles hold the true place at 75.0% of 4 poses, mean half-width 0.00 m\n"
+    )  # fmt: skip
+    assert result.stderr == "note: the truth has no walls: only error rectangles are judged\n"
+    told = judged(grid, truth)
+    assert told["rectangles"]["coverage"] == 0.75 and told["methods"] == {}
+    assert "leave --picture out" in refusal(grid, truth, "--picture", tmp_path / "out.png")
+    captured["robots"][0]["robot"] = "r2"
+    assert "no pose matches a track of it" in refusal(grid, written(tmp_path, captured))
+
+
 BROKEN: list[tuple[dict[str, Any], str]] = [
     ({"possmap_truth": 2}, "possmap_truth: is missing or not 1, expected a truth file"),
     ({"walls": 3}, "walls: found 3, expected a list"),
-    ({"walls": []}, "found no walls, expected some"),
+    ({"walls": [], "robots": []}, "found no walls, expected some"),
     ({"walls": [[0, 0, 1]]}, "walls[0]: found [0, 0, 1], expected [x, y, x2, y2]"),
     ({"walls": [[0, 0, 1, 1e9]]}, "walls[0]: found 1000000000.0, expected a number within ±1e6"),
     ({"home": [1]}, "home: found [1], expected [x, y]"),

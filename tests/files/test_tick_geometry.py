@@ -8,6 +8,9 @@ from pathlib import Path
 import pytest
 
 from possmap.errors import RecordingError
+from possmap.lab.convert.samples import joined
+from possmap.lab.convert.tally import Tally
+from possmap.lab.recordings import Source, find_mapping, open_recordings, read_mapping
 from possmap.lab.recordings.tick_geometry import geometry_beside
 
 SOUND = "type,diff,,\nngear,43.7,,\nencRes,64,,\nLi,0.2,,\nDi,0.084,0.085,\nN,3,,\n"
@@ -30,6 +33,23 @@ def test_the_metadata_of_the_recording_itself_count(tmp_path: Path) -> None:
     (tmp_path / "0_metadata.csv").write_text(SOUND.replace("0.2", "0.3"))
     told = geometry_beside(beside(tmp_path, SOUND))
     assert told is not None and told.ticks.track == 0.2
+
+
+def test_a_table_of_ticks_is_laid_out_by_the_metadata_beside_it(tmp_path: Path) -> None:
+    rows = "0,0,0,0,0,0\n0.05,0,0,0,100,-100\n0.1,0,0,0,100,-100\n"
+    own = beside(tmp_path, SOUND)
+    own.write_text(rows)
+    source = Source(mapping=read_mapping(find_mapping("optiodom-ticks")))
+    (recording,) = open_recordings([own], source)
+    samples = joined(recording.samples(Tally(), None))
+    unit = math.pi * (0.084 + 0.085) / (43.7 * 64)
+    assert samples.yaw[-1] - samples.yaw[0] == pytest.approx(200 * unit / 0.2)
+
+
+def test_metadata_of_something_else_tell_nothing(tmp_path: Path) -> None:
+    assert geometry_beside(beside(tmp_path, "title,a drive\n")) is None
+    (tmp_path / "2_metadata.csv").write_text(SOUND)
+    assert geometry_beside(tmp_path / "drive.csv") is None, "whose?"
 
 
 @pytest.mark.parametrize(

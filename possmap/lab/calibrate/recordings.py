@@ -71,17 +71,17 @@ def of_recordings(
             "one for all, or one for each"
         )
     robots = _robots(paths, request)
-    kinds = Counter(robot for robot, _ in robots)
+    kinds = Counter(robots)
     found = Material([], pool=len(kinds) == 1)
     references: dict[Path, Reference] = {}
     used: set[str] = set()
-    for number, (path, (robot, source)) in enumerate(zip(paths, robots, strict=True)):
+    for number, (path, robot) in enumerate(zip(paths, robots, strict=True)):
         at = path
         if request.truth:
             at = request.truth[number if len(request.truth) > 1 else 0]
         if at not in references:
             references[at] = _reference(at, request.truth_source, progress)
-        (recording,) = open_recordings([path], source)
+        (recording,) = open_recordings([path], request.source)
         samples = _samples(recording, progress)
         label = _unused(_name(path), used)
         for part in _outings(samples, references[at], robot, label, printable(str(path)), found):
@@ -110,19 +110,15 @@ def _take_mounts_out(found: Material) -> None:
     found.trials[:] = turned
 
 
-def _robots(paths: Sequence[Path], request: RecordingsRequest) -> list[tuple[str, Source]]:
-    """Return whose each recording is, and how it is read: by the metadata beside it, if any."""
+def _robots(paths: Sequence[Path], request: RecordingsRequest) -> list[str]:
+    """Return whose each recording is: robots are told apart by the metadata beside, if any."""
     name = request.robot or (_name(paths[0]) if len(paths) == 1 else "robot")
+    ticks = request.source.mapping is not None and request.source.mapping.ticks is not None
     found = []
     for path in paths:
-        mapping = request.source.mapping
-        geometry = geometry_beside(path) if mapping is not None and mapping.ticks else None
-        if geometry is None or mapping is None:
-            found.append((name, request.source))
-            continue
-        robot = f"{request.robot}:{geometry.name}" if request.robot else geometry.name
-        source = replace(request.source, mapping=replace(mapping, ticks=geometry.ticks))
-        found.append((robot[:64], source))
+        geometry = geometry_beside(path) if ticks else None
+        told = [one for one in (request.robot, geometry and geometry.name) if one]
+        found.append(":".join(told)[:64] if geometry else name)
     return found
 
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from possmap.core.evidence import Segment
+from possmap.core.records import PartialMap
 from possmap.errors import PossmapError, printable
 from possmap.lab.evaluate.observations import JudgedExcursion, Rasterizer, observations
 from possmap.lab.evaluate.raster import Floats, Segments, cells_of, extent_of
@@ -67,7 +68,8 @@ def doubts_of_frame(
     if not truth.walls:
         raise TruthError(f"{name}: found no walls, expected some")
     walls = np.array(truth.walls, dtype=np.float64)
-    laid = list(_laid_at_true_poses(excursions, truth, name))
+    refuse_other_logs(excursions, truth, name)
+    laid = [true_walls(*one) for one in _tracked(excursions, truth)]
     saw = "walls lie near none of its walls, as seen"
     if laid:
         told = [_sightings(np.concatenate(laid), walls, f"{saw} from its tracks")]
@@ -90,23 +92,31 @@ def doubts_of_frame(
     return _doubts(name, told, IMPOSSIBLE)
 
 
-def _laid_at_true_poses(
-    excursions: Sequence[JudgedExcursion], truth: Truth, name: str
-) -> Iterator[Segments]:
-    """Yield what excursions with a true track saw, laid at the true poses."""
-    for excursion in excursions:
-        version = excursion.version
-        track = truth.tracks.get(version.name)
-        rows = {} if track is None else matched(version, track)
-        if track is None or not rows:
-            continue
+def refuse_other_logs(excursions: Sequence[JudgedExcursion], truth: Truth, name: str) -> None:
+    """Refuse a truth whose robots believed themselves elsewhere than the logs have them.
+
+    Raises
+    ------
+    TruthError
+        If its tracks are those of other logs.
+    """
+    for version, track, rows in _tracked(excursions, truth):
         off = float(np.median(apart(version, track, rows)))
         if off > ROUNDED_M:
             raise TruthError(
                 f"{name}: excursion {version.excursion} of {version.robot} believed itself "
                 f"{off:.2f} m from where the log has it, expected the logs' own truth"
             )
-        yield true_walls(version, track, rows)
+
+
+def _tracked(
+    excursions: Sequence[JudgedExcursion], truth: Truth
+) -> Iterator[tuple[PartialMap, Floats, dict[int, int]]]:
+    for excursion in excursions:
+        track = truth.tracks.get(excursion.version.name)
+        rows = {} if track is None else matched(excursion.version, track)
+        if track is not None and rows:
+            yield excursion.version, track, rows
 
 
 def _doubts(name: str, told: Sequence[Witnesses], impossible: float) -> tuple[str, ...]:

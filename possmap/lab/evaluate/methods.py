@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from possmap.core.lattice import Window
 from possmap.core.views import Readout
+from possmap.errors import printable
 from possmap.lab.evaluate.bayes import LogOddsGrid, LogOddsSettings, bayes, probability
+from possmap.lab.evaluate.frame import TruthError, refuse_other_logs
 from possmap.lab.evaluate.local_rectangles import strongest
 from possmap.lab.evaluate.observations import JudgedExcursion
 from possmap.lab.evaluate.raster import Flags, Floats, cells_of
@@ -99,6 +103,36 @@ def score_methods(
         true_pose_f1_15cm=_ceiling(cells, first.excursions, truth),
         walls=walls,
         notes=tuple(_notes(first.excursions, truth, true)),
+    )
+
+
+def tracks_alone(
+    grids: Mapping[str, Sequence[JudgedExcursion]], truth: Truth, path: Path
+) -> Evaluation:
+    """Judge the rectangles of grids, where a truth (motion capture, say) knows no walls.
+
+    Raises
+    ------
+    TruthError
+        If no pose matches a true track, or the tracks are those of other logs.
+    """
+    name = printable(str(path))
+    scores = {}
+    for grid, excursions in grids.items():
+        refuse_other_logs(excursions, truth, name)
+        tracks = tuple(_track_errors(excursions, truth))
+        if not any(len(one.half_x) for one in tracks):
+            raise TruthError(
+                f"{name}: has no walls, and no pose matches a track of it by robot, excursion and "
+                "time, so nothing to judge"
+            )
+        nan = math.nan
+        scores[grid] = GridScore(
+            None, nan, nan, nan, nan, (), (), tracks, rectangles(tracks), None, None
+        )
+    notes = ("the truth has no walls: only error rectangles are judged",)
+    return Evaluation(
+        Window(0, 0, 0, 0), math.nan, 0.5, 0, 0, {}, scores, None, None, np.empty((0, 4)), notes
     )
 
 

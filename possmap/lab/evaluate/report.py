@@ -15,6 +15,7 @@ from possmap.grid.grid import Grid
 from possmap.lab.evaluate.raster import Segments
 from possmap.lab.evaluate.results import Evaluation, GridScore
 from possmap.lab.evaluate.scores import MethodScore
+from possmap.lab.evaluate.tracks import Rectangles
 from possmap.lab.evaluate.validity import Bin
 from possmap.pictures import compose, overlays, palettes
 from possmap.pictures.charts import Axis, Chart, Mark, Point, Series
@@ -262,13 +263,17 @@ def grid_words(one: GridScore) -> Iterator[str]:
     yield f"mean conflict {one.mean_conflict:.4f}"
     yield f"AUC of N alone {number_words(one.auc_necessity)}"
     if one.rectangles is not None:
-        held = one.rectangles
-        yield f"rectangles hold the true place at {held.coverage:.1%} of {held.poses} poses"
-        yield f"mean half-width {held.mean_half_width:.2f} m"
+        yield from rectangle_words(one.rectangles)
     if one.explored_free is not None:
         yield f"{one.explored_free:.1%} of the floor explored"
     if one.explored_wall is not None:
         yield f"{one.explored_wall:.1%} of the walls"
+
+
+def rectangle_words(held: Rectangles) -> Iterator[str]:
+    """Yield how many rectangles hold, and how large they are."""
+    yield f"rectangles hold the true place at {held.coverage:.1%} of {held.poses} poses"
+    yield f"mean half-width {held.mean_half_width:.2f} m"
 
 
 def number_words(value: float | None) -> str:

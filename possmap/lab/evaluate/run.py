@@ -25,6 +25,7 @@ from possmap.lab.evaluate.methods import (
     Candidate,
     NothingToJudge,
     score_methods,
+    tracks_alone,
 )
 from possmap.lab.evaluate.observations import JudgedExcursion
 from possmap.lab.evaluate.raster import Floats
@@ -91,6 +92,8 @@ def evaluate(
             for name, one in paths.items()
         }
         found = _judged(read, true, truth, question)
+        if picture is not None and not found.methods:
+            raise TruthError(f"{printable(str(truth))}: has no walls to draw, leave --picture out")
         if picture is not None:
             draw_report(read["possmap"].part, found, picture, overwrite)
     return found
@@ -99,6 +102,8 @@ def evaluate(
 def _judged(read: Mapping[str, _Read], true: Truth, truth: Path, question: Question) -> Evaluation:
     first = read["possmap"]
     path = first.path
+    if true.tracks and not true.walls:
+        return tracks_alone({name: one.excursions for name, one in read.items()}, true, truth)
     for one in read.values():
         if one.resolution != first.resolution:
             raise TruthError(

@@ -15,6 +15,7 @@ from possmap.lab.recordings.mapping_file import FOLDER, find_mapping, read_mappi
 from possmap.lab.recordings.recording import Recording
 from possmap.lab.recordings.stream import head_of
 from possmap.lab.recordings.tables import open_tables
+from possmap.lab.recordings.tick_geometry import geometry_beside
 from possmap.settings.shipped import shipped_names
 
 __all__ = ["FORMATS", "Recording", "Source", "find_mapping", "open_recordings", "read_mapping"]
@@ -46,7 +47,8 @@ class Source:
 def open_recordings(paths: Sequence[Path], source: Source) -> list[Recording]:
     """Open recordings, in the order given.
 
-    Of a recording of several files any may be named: the mapping knows the others.
+    Of a recording of several files any may be named: the mapping knows the others. Metadata of
+    OptiOdom beside a table of ticks say how its robot is built, and beat the mapping.
 
     Raises
     ------
@@ -81,6 +83,9 @@ def _open(path: Path, source: Source) -> Recording:
             "its columns are not mapped, expected --mapping FILE or one of those that possmap "
             f"ships: {', '.join(shipped_names(FOLDER))}",
         )
+    geometry = geometry_beside(path) if mapping.ticks else None
+    if geometry is not None:  # the robot's own build is nearer to the truth than a mapping for all
+        mapping = replace(mapping, ticks=geometry.ticks)
     return open_tables([path], mapping, source.beams)
 
 

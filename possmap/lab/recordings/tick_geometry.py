@@ -30,21 +30,25 @@ class TickGeometry:
 def geometry_beside(recording: Path) -> TickGeometry | None:
     """Return the geometry told beside a recording; None where nothing tells it.
 
+    Metadata are those of the recording's own name up to ``_run-``, or the only ones in its folder.
+
     Raises
     ------
     RecordingError
         If the metadata lack a number, or are of a robot without two driven wheels.
     """
     found = sorted(recording.parent.glob(PATTERN))
-    prefix = recording.name.partition("_")[0]
-    own = [one for one in found if one.name.startswith(prefix)] or found
-    if not own:
+    stem = recording.stem.partition("_run-")[0]
+    own = [one for one in found if one.name == f"{stem}_metadata.csv"] or found
+    if len(own) != 1:
         return None
     rows: dict[str, tuple[int, list[str]]] = {}
     text = read_text(own[0], Limits()).text
     for number, line in enumerate(text.lstrip("\ufeff").splitlines(), 1):
         name, *values = [part.strip() for part in line.split(",")]
         rows[name] = number, [value for value in values if value]
+    if "Li" not in rows:  # of something else
+        return None
     kind = rows.get("type", (1, [""]))[1]
     if kind != ["diff"]:
         raise RecordingError(
