@@ -67,9 +67,8 @@ class ExcursionPlan:
     @property
     def tiles(self) -> set[TileKey]:
         """The tiles in which it says anything."""
-        return {
-            TileKey(*place) for place in np.unique(self.pieces[:, [_ROW, _COLUMN]], axis=0).tolist()
-        }
+        rows, columns = self.pieces[:, _ROW].tolist(), self.pieces[:, _COLUMN].tolist()
+        return set(map(TileKey, rows, columns))
 
     def among(self, keys: Collection[TileKey], layer: Layer | None = None) -> ExcursionPlan:
         """Return what it says in some tiles; of one layer, or of all."""

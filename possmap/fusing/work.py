@@ -38,7 +38,8 @@ def works_of(found: Findings, resolution: float) -> dict[int, float]:
     works = segment_works(table, np.array(lines, dtype=float), resolution)
     records = np.array([one.record for one in segments])
     sums = np.bincount(records, weights=works)
-    return dict(zip(np.unique(records).tolist(), sums[np.unique(records)].tolist(), strict=True))
+    some = np.flatnonzero(np.bincount(records))
+    return dict(zip(some.tolist(), sums[some].tolist(), strict=True))
 
 
 def segment_works(table: Floats, lines: Floats, resolution: float) -> Floats:

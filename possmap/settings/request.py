@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 
 from possmap.errors import SettingsError, printable
 from possmap.settings.setting_table import SHAPING, Given, GivenSettings, Value
@@ -13,6 +14,23 @@ from possmap.settings.settings import Settings, assemble, scalar
 
 DEFAULT_PROFILE = "robust"
 """Of grids that are new."""
+
+ROBUST: Mapping[str, Value] = MappingProxyType(
+    {
+        "estimator": "walls",
+        "orthogonal": True,
+        "independence": "excursion",
+        "free_fusion": "dempster",
+        "certainty_power": 2.0,
+        "pass_weight": 0.5,
+        "free_along_walls": True,
+        "clip_coobserved": True,
+        "free_along_beams": True,
+        "path_width": 0.15,
+        "turn_noise": 0.7,
+    }
+)
+"""What configs/robust.yaml says, for calls that would read no other YAML: it is slow to import."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,12 +100,8 @@ def in_force(
 def _default(given: Mapping[str, Given]) -> GivenSettings:
     if DEFAULT_PROFILE == "paper" or any(one.origin.startswith("--prof") for one in given.values()):
         return {}  # the paper's values are those of the dataclasses
-    from possmap.settings.settings_yaml import read_profile
-
     origin = f"the default profile {DEFAULT_PROFILE} (--profile paper has no discounts)"
-    return {
-        name: Given(value, origin) for name, (value, _) in read_profile(DEFAULT_PROFILE).items()
-    }
+    return {name: Given(value, origin) for name, value in ROBUST.items()}
 
 
 def _refused(

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from possmap.core.model import PARAMETERS
 from possmap.errors import SettingsError
 from possmap.logs.fields import NAME
+from possmap.settings.request import ROBUST
 from possmap.settings.setting_table import KNOWN, SHAPING
 from possmap.settings.settings import Settings, assemble
 from possmap.settings.settings_yaml import read_settings, to_yaml
@@ -224,6 +225,11 @@ def test_what_config_prints_gives_the_same_settings_back(
     back = assemble(read(tmp_path_factory.getbasetemp(), printed))
     assert back == assemble({**flat, **entries})
     assert to_yaml(back) == printed
+
+
+def test_the_default_profile_is_the_file_that_says_why() -> None:
+    told = {name: value for name, (value, _) in read_settings(shipped("robust.yaml")).items()}
+    assert dict(ROBUST) == told
 
 
 def test_the_profile_paper_is_the_default_and_names_all_that_shapes_evidence() -> None:
