@@ -92,6 +92,8 @@ class WallFilter:
         m, and P times ``factor`` squared.
     observations
         So far.
+    began
+        Whether the last stretch began a run.
     """
 
     def __init__(self, first: Pose, model: ErrorModel, settings: EvidenceSettings) -> None:
@@ -112,6 +114,7 @@ class WallFilter:
             for row, half in enumerate(half_widths)
         ]
         self.observations = Observations()
+        self.began = False
         self._squares = 0.0
         self._residuals: list[float] = []
         self._direction_deg: float | None = None  # of the first piece of the run so far
@@ -144,11 +147,11 @@ class WallFilter:
         self, logged: Stretch, following: Stretch | None
     ) -> tuple[CorrectedStretch, StretchErrors]:
         """Lay one more stretch; ``following`` is the next, where there is one (METHOD §1)."""
+        self.began = logged.is_run and self._begins(logged)
         if logged.is_run:
-            begins = self._begins(logged)
-            if begins:
+            if self.began:
                 self._begin(logged)  # step 1
-            if begins and logged.is_followed:
+            if self.began and logged.is_followed:
                 self._observe_followed()  # step 2
             elif self._sees and not logged.is_followed and logged.has_wall:
                 self._observe_seen(logged)
@@ -292,7 +295,7 @@ class WallFilter:
         t = logged.turn_deg
         if abs(t) <= HALF_TURN_TOLERANCE_DEG:
             return
-        if _is_relabelling(logged, following):
+        if is_relabelling(logged, following):
             self.mean[HEADING] -= math.radians(t)
             return
         model, parts = self._model, abs(t) / 45
@@ -301,7 +304,7 @@ class WallFilter:
         _mixed(self.covariance, HEADING, ((OVERTURN, parts),))
         self.covariance[HEADING][HEADING] += math.radians(model.turn_noise) ** 2 * parts
         self._turned_deg += abs(t)
-        self._knows_turns &= logged.is_run or _is_told(logged)
+        self._knows_turns &= logged.is_run or is_told(logged)
 
     def _nearest_axis(self, angle: float) -> float:
         return self._quarter * math.floor(angle / self._quarter + 0.5)
@@ -325,13 +328,13 @@ def _direction_deg(logged: Stretch) -> float:
     return math.degrees(math.atan2(end.y - start.y, end.x - start.x))
 
 
-def _is_told(logged: Stretch) -> bool:
+def is_told(logged: Stretch) -> bool:
     """Whether the log tells of a turn at standstill if the robot turned."""
     start, end = logged.start, logged.end
     return end.turned is not None or (start.t is not None and end.t is not None)
 
 
-def _is_relabelling(logged: Stretch, following: Stretch | None) -> bool:
+def is_relabelling(logged: Stretch, following: Stretch | None) -> bool:
     """Whether the robot did not turn, but set its belief anew: it lined up in no time."""
     if logged.end.turned is not None:
         return not logged.end.turned
