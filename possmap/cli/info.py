@@ -42,6 +42,7 @@ def _as_json(found: GridInfo) -> dict[str, Any]:
     return {
         "grid": str(found.grid),
         "digest": found.digest,
+        "refined": found.refined._asdict() if found.refined else None,
         "resolution": found.resolution,
         "rows": found.window.shape[0] if found.window else 0,
         "columns": found.window.shape[1] if found.window else 0,
@@ -112,7 +113,7 @@ def _own(found: GridInfo, entry: Entry) -> dict[str, float]:
 
 
 def _as_text(found: GridInfo) -> list[str]:
-    from possmap.errors import plural, printable
+    from possmap.errors import brief, plural, printable
     from possmap.settings.setting_table import SHAPING
     from possmap.settings.settings import Settings, flat_evidence, scalar
 
@@ -127,6 +128,11 @@ def _as_text(found: GridInfo) -> list[str]:
     lines = [
         f"grid        {printable(str(found.grid))}, {found.file_size / 1024:.0f} KiB",
         f"digest      {found.digest}",
+        *(
+            [f"refined     of a grid of digest {brief(found.refined.made_of)}"]
+            if found.refined
+            else []
+        ),
         f"map         {size}, {plural(found.tiles, 'tile')}",
         f"evidence    {plural(found.records, 'record')} of "
         f"{plural(len(found.excursions), 'excursion')} by {plural(len(found.robots), 'robot')}",

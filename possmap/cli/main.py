@@ -28,6 +28,7 @@ COMMANDS = {
     "query": "Say what is known of one point, and which records say so.",
     "diff": "Say in what two grids differ, and draw it.",
     "audit": "Say which robots and excursions contradict the others most.",
+    "refine": "Make a grid in which one wall is one wall: moves tracks.",
     "forget": "Take evidence out of a grid, as if it had never come.",
     "export": "Write a grid in a format that other programs read.",
     "verify": "Look whether a grid file is whole and what its ledger says.",

@@ -13,6 +13,7 @@ from possmap.core.linear import LinearError
 from possmap.core.model import ErrorModel
 from possmap.core.propagation import CarriedError, ErrorRectangle, StretchErrors, propagate
 from possmap.core.records import Pose
+from possmap.core.refined import RefinedTrack, lay_refined
 from possmap.core.settings import Estimator, EvidenceSettings
 from possmap.core.track import Stretch
 from possmap.core.walls import Fit, Observations, WallFilter
@@ -38,11 +39,22 @@ class Estimate(NamedTuple):
 
 
 def estimate(
-    first: Pose, track: Sequence[Stretch], model: ErrorModel, settings: EvidenceSettings
+    first: Pose,
+    track: Sequence[Stretch],
+    model: ErrorModel,
+    settings: EvidenceSettings,
+    refined: RefinedTrack | None = None,
 ) -> Estimate:
-    """Correct a track, and carry the first pose's own error along it."""
+    """Correct a track, and carry the first pose's own error along it.
+
+    refined : where its poses were found to have been (``possmap refine``); None: nobody asked.
+    """
     if settings.estimator == "walls":
-        return _by_walls(first, track, model, settings)
+        found = _by_walls(first, track, model, settings)
+        if refined is None:
+            return found
+        stretches, errors = lay_refined(track, refined)
+        return found._replace(start=refined[0].rectangle, stretches=stretches, errors=errors)
     start = at_start(first, settings.estimator)
     corrected = correct(track, model)
     errors = propagate(start, corrected, model)

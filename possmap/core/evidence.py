@@ -13,6 +13,7 @@ from possmap.core.estimators import estimate
 from possmap.core.model import ErrorModel
 from possmap.core.propagation import ErrorRectangle, StretchErrors
 from possmap.core.records import Beam, PartialMap, Pose, Wall
+from possmap.core.refined import RefinedTrack
 from possmap.core.settings import EvidenceSettings
 from possmap.core.track import Stretch, stretches
 from possmap.core.walls import Fit, Observations
@@ -116,8 +117,21 @@ class Findings(NamedTuple):
         return self._replace(evidence=known)
 
 
-def findings(excursion: PartialMap, model: ErrorModel, settings: EvidenceSettings) -> Findings:
-    """Correct, propagate and lay out one excursion: METHOD §1 and §2 in four steps."""
+def findings(
+    excursion: PartialMap,
+    model: ErrorModel,
+    settings: EvidenceSettings,
+    refined: RefinedTrack | None = None,
+) -> Findings:
+    """Correct, propagate and lay out one excursion: METHOD §1 and §2 in four steps.
+
+    refined : its track, if ``possmap refine`` moved it.
+
+    Raises
+    ------
+    ValueError
+        If that is none of this excursion.
+    """
     geometry: dict[int, Geometry] = {}
     evidence: list[Evidence] = []
     swath = Swath(settings.path_width, model.factor) if settings.path_width else None
@@ -126,9 +140,10 @@ def findings(excursion: PartialMap, model: ErrorModel, settings: EvidenceSetting
     if not isinstance(first, Pose):
         return Findings(model, geometry, ())
     start, track, errors, observations, fit = estimate(
-        first, stretches(excursion.records), model, settings
+        first, stretches(excursion.records), model, settings, refined
     )
-    geometry[index] = Geometry.of_point(first.x, first.y, start, first.heading_deg)
+    x, y = (first.x, first.y) if refined is None else refined[0][:2]
+    geometry[index] = Geometry.of_point(x, y, start, first.heading_deg)
     for stretch, error in zip(track, errors, strict=True):
         logged = stretch.logged
         if logged.seen:

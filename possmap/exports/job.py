@@ -84,10 +84,16 @@ class Job:
     def facts(self) -> Mapping[str, str]:
         """Return what a file says of itself: ASCII, one line each."""
         x, y = self.origin
+        making = self.grid.ledger.tracks.making()
         rows, columns = self.window.shape
         return {
             "possmap": version(),
             "digest": self.grid.digest(),
+            **(
+                {"refined": f"from the grid of digest {ascii(making.made_of)[1:-1]}"}
+                if making
+                else {}
+            ),
             "resolution": f"{self.grid.resolution!r} m per cell",
             "frame": FRAME,
             "origin": f"{x!r}, {y!r} m, the lower left corner of the first cell",

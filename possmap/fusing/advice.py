@@ -6,8 +6,22 @@ import os
 import shlex
 from pathlib import Path
 
-from possmap.errors import printable
+from possmap.errors import GridError, brief, printable
 from possmap.grid.forgotten import SHORT, Forgotten
+from possmap.grid.grid import Grid
+
+
+def refuse_refined(grid: Grid, instead: str) -> None:
+    """Raise GridError for a grid that was refined: it changes only with what it was made of.
+
+    instead : what is to be done to that grid.
+    """
+    making = None if grid.is_new else grid.ledger.tracks.making()
+    if making is not None:
+        raise GridError(
+            f"{grid.database.name}: is refined, and is not changed; {instead} the grid that it was "
+            f"made of (digest {brief(making.made_of, 12)}), and refine that anew"
+        )
 
 
 def how_to_forget(grid: Path, name: tuple[str, str]) -> str:

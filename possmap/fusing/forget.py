@@ -12,6 +12,7 @@ from itertools import islice
 from pathlib import Path
 
 from possmap.errors import GridError, did_you_mean, printable
+from possmap.fusing.advice import refuse_refined
 from possmap.fusing.withdraw import Loss, withdraw
 from possmap.grid.forgotten import SHORT, Forgotten
 from possmap.grid.grid import Grid
@@ -191,6 +192,7 @@ def _changing(path: Path, undone: bool = False) -> Iterator[Grid]:
     with Grid(path, write=True) as grid:
         if grid.is_new:
             raise GridError(f"{printable(str(path))}: {EMPTY}")
+        refuse_refined(grid, "forget it in")
         with suppress(_Undone), grid.transaction():
             yield grid
             if undone:

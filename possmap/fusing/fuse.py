@@ -19,6 +19,7 @@ from possmap.core.plan import TileWork, by_tile
 from possmap.core.settings import EvidenceSettings
 from possmap.errors import LogError, TileError, WorkerError, printable
 from possmap.fusing import inputs
+from possmap.fusing.advice import refuse_refined
 from possmap.fusing.executors import SERIAL, Hands, hands
 from possmap.fusing.joining import Joining
 from possmap.fusing.layout import LaidOut, Reach, StoredTile, Version, lay_out, stamp
@@ -182,6 +183,8 @@ class _Site:
         self.path, self._budget, self._stack = path, budget, stack
         # For writing, though nothing may be: what an interrupted run left may hold nothing yet.
         self._grid = self._open() if check_file(path, write=True) else None
+        if self._grid is not None:
+            refuse_refined(self._grid, "fuse further logs into")
 
     def _open(self) -> Grid:
         return self._stack.enter_context(Grid(self.path, write=True, budget=self._budget))

@@ -6,12 +6,12 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from possmap.atomic import check_output, name_beside
-from possmap.errors import GridError, printable
+from possmap.errors import GridError
+from possmap.fusing.advice import refuse_refined
+from possmap.fusing.appearing import appearing
 from possmap.grid.copying import copy_excursions
 from possmap.grid.grid import Grid
 from possmap.grid.ledger import Entry
-from possmap.grid.opening import SUFFIXES
 from possmap.grid.soundness import Soundness, is_sound
 from possmap.grid.verify import verify
 from possmap.progress import Progress, quiet
@@ -55,21 +55,10 @@ def repair(
     OutputError
         If ``output`` exists and ``overwrite`` is off, or cannot be written.
     """
-    check_output(output, overwrite)
-    target = output.resolve()
-    if target == path.resolve():
-        raise GridError(f"{printable(str(path))}: would replace itself, expected another -o")
-    for suffix in SUFFIXES:  # SQLite would take its pages into the new file
-        if target.with_name(target.name + suffix).exists():
-            left = output.with_name(output.name + suffix)
-            raise GridError(
-                f"{printable(str(left))}: belongs to a writer that was interrupted, or "
-                "still writes; remove it if the grid that it belonged to may go"
-            )
-    beside = name_beside(target)
     lost: list[str] = []
-    try:
+    with appearing(path, output, overwrite) as beside:
         with Grid(path) as old, old.snapshot(), Grid(beside, write=True) as new:
+            refuse_refined(old, "repair")
             identities = progress(old.ledger.identities(), "excursion")
             copy_excursions(old, new, _sound(old, identities, lost), lost=lost)
             with new.transaction():
@@ -82,14 +71,7 @@ def repair(
             digest, same = new.digest(), _had(old, new.digest())
         verdict = verify(beside, progress=progress)
         lost += [f"the new grid does not verify: {fault}" for fault in verdict.faults]
-        beside.replace(target)
-        return Repaired(
-            output, verdict.excursions, records, verdict.tiles, tuple(lost), digest, same
-        )
-    except BaseException:
-        for suffix in ("", *SUFFIXES):
-            beside.with_name(beside.name + suffix).unlink(missing_ok=True)
-        raise
+    return Repaired(output, verdict.excursions, records, verdict.tiles, tuple(lost), digest, same)
 
 
 def _had(old: Grid, digest: str) -> bool:

@@ -2,22 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import groupby
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
 from possmap.core.fusion import fuse_tile
 from possmap.core.plan import ExcursionPlan, by_tile
+from possmap.core.refined import RefinedTrack
 from possmap.errors import GridError
 from possmap.grid.arrivals import Arrival
 from possmap.grid.grid import Grid
 from possmap.grid.ledger import Entry
+from possmap.grid.refined import Making
 from possmap.grid.replay import replay
 from possmap.grid.rows import excursion_rows
 from possmap.grid.selection import Selection
 from possmap.progress import Progress, quiet
+
+
+class Refined(NamedTuple):
+    """What makes a copy a refined grid: how it was made, and the tracks that were moved."""
+
+    making: Making
+    tracks: Mapping[tuple[str, str], RefinedTrack]
+
 
 _AT_ONCE = 1 << 26
 """What may wait to be stamped [bytes]: each tile is written once for so much."""
@@ -29,6 +40,7 @@ def copy_excursions(
     entries: Iterable[Entry],
     *,
     lost: list[str] | None = None,
+    refined: Refined | None = None,
     progress: Progress = quiet,
 ) -> None:
     """Fuse excursions of a ledger into a new grid, under the models that they had.
@@ -40,6 +52,8 @@ def copy_excursions(
     lost
         Gets a line for each excursion that cannot be laid out, and is left out; None: that is an
         error.
+    refined
+        Tracks to lay excursions along, in place of those that the old grid keeps.
 
     Raises
     ------
@@ -47,12 +61,19 @@ def copy_excursions(
         If a record cannot be read or laid out; then the new grid is left as it was.
     """
     settings, came = old.settings, list[Arrival]()
+    making = refined.making if refined else old.ledger.tracks.making()
     with new.transaction():
         new.prepare(settings, old.robots)
+        if making is not None:
+            new.ledger.tracks.prepare(making)
         plans: list[ExcursionPlan] = []
         for entry in entries:
+            track = (
+                refined.tracks.get(entry.name) if refined
+                else old.ledger.tracks.track(entry.identity)
+            )  # fmt: skip
             try:
-                version, found, plan = replay(old, entry, settings)
+                version, found, plan = replay(old, entry, settings, refined=track)
             except GridError as error:
                 if lost is None:
                     raise
@@ -63,6 +84,8 @@ def copy_excursions(
                     version, entry.model, 0, found.geometry, plan.touched(), found.observations
                 )
             )
+            if track is not None:
+                new.ledger.tracks.add(entry.name, track)
             came += old.ledger.came.of(entry.name)
             plans.append(plan)
             if sum(one.pieces.nbytes + one.segments.nbytes for one in plans) > _AT_ONCE:

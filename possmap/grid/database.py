@@ -126,6 +126,15 @@ class Database:
             self.execute(statement)
         self.execute(f"PRAGMA user_version = {FORMAT_VERSION}")
 
+    def create_refined(self) -> None:
+        """Lay out what a refined grid holds besides, inside the transaction that makes it."""
+        for statement in _statements("refined.sql"):
+            self.execute(statement)
+
+    def is_refined(self) -> bool:
+        """Whether the grid was made by ``possmap refine``."""
+        return self.one("SELECT 1 FROM sqlite_schema WHERE name = 'refinement'") is not None
+
     def _check_format(self) -> None:
         """Refuse what is no grid of this format.
 
@@ -148,6 +157,8 @@ class Database:
                 "fuse its logs into a new grid"
             )
         expected, there = _schema(), set(self.all(_OBJECTS))
+        if self.is_refined():
+            expected = _schema("refined.sql")
         for kind, name, _ in sorted(expected - there):
             raise GridError(f"{self.name}: the {kind} {name} is missing, or not as possmap made it")
         for kind, name, _ in sorted(there - expected, key=str):
@@ -333,18 +344,19 @@ def _code(error: BaseException) -> int:
     return code & 0xFF
 
 
-def _statements() -> list[str]:
-    """Return what lays out an empty grid."""
-    text = Path(__file__).with_name("format.sql").read_text(encoding="utf-8")
+def _statements(name: str = "format.sql") -> list[str]:
+    """Return what lays out an empty grid, or what a refined one holds besides."""
+    text = Path(__file__).with_name(name).read_text(encoding="utf-8")
     return text.replace("{fields}", record_fields_sql()).split(";\n")[:-1]
 
 
 @lru_cache
-def _schema() -> frozenset[tuple[str, str, str]]:
-    """Return what ``_OBJECTS`` finds in a grid."""
+def _schema(*besides: str) -> frozenset[tuple[str, str, str]]:
+    """Return what ``_OBJECTS`` finds in a grid that was laid out by these files, too."""
     blank = sqlite3.connect(":memory:")
-    for statement in _statements():
-        blank.execute(statement)
+    for name in ("format.sql", *besides):
+        for statement in _statements(name):
+            blank.execute(statement)
     found = frozenset(blank.execute(_OBJECTS))
     blank.close()
     return found

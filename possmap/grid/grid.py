@@ -210,6 +210,8 @@ class Grid:
         digest.update(b"\nexcursions\n")
         for excursion_hash in self.ledger.hashes():
             digest.update(excursion_hash)
+        for part in self.ledger.tracks.parts():
+            digest.update(part)
         return digest.hexdigest()
 
     def stored_settings(self) -> dict[str, Value]:

@@ -17,6 +17,7 @@ from possmap.errors import brief
 from possmap.grid.arrivals import Arrivals
 from possmap.grid.database import Database
 from possmap.grid.forgotten import ForgottenList
+from possmap.grid.refined import RefinedTracks
 from possmap.grid.rows import GEOMETRY, RECORD_COLUMNS, ExcursionRows, record_of_row
 
 
@@ -59,12 +60,15 @@ class Ledger:
         Which file brought which records.
     forgotten
         What was taken out, and is not let in.
+    tracks
+        Those that ``possmap refine`` moved.
     """
 
     def __init__(self, database: Database) -> None:
         self._database = database
         self.came = Arrivals(database)
         self.forgotten = ForgottenList(database)
+        self.tracks = RefinedTracks(database)
 
     def entry(self, name: tuple[str, str]) -> Entry | None:
         """Return an excursion by robot and name, or None if it is not known."""

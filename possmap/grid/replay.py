@@ -10,6 +10,7 @@ from possmap.core.fusion import TileLayers, fuse_tile
 from possmap.core.lattice import TileKey
 from possmap.core.plan import ExcursionPlan, by_tile, plan_excursion
 from possmap.core.records import PartialMap
+from possmap.core.refined import RefinedTrack
 from possmap.core.settings import EvidenceSettings
 from possmap.errors import printable
 from possmap.grid.grid import Grid
@@ -33,11 +34,15 @@ class Replayed(NamedTuple):
 
 
 def replay(
-    grid: Grid, entry: Entry, settings: EvidenceSettings, records: int | None = None
+    grid: Grid,
+    entry: Entry,
+    settings: EvidenceSettings,
+    records: int | None = None,
+    refined: RefinedTrack | None = None,
 ) -> Replayed:
     """Lay out an excursion of a ledger again, or its first records alone.
 
-    settings : the grid's, asked for once.
+    settings : the grid's, asked for once. refined : its track; None: as the grid has it.
 
     Raises
     ------
@@ -45,8 +50,10 @@ def replay(
         If its records cannot be read, or are none that can be laid out.
     """
     version = grid.ledger.version(entry, records)
+    if refined is None:
+        refined = grid.ledger.tracks.track(entry.identity)
     try:
-        found = findings(version, entry.model, settings)
+        found = findings(version, entry.model, settings, refined)
         return Replayed(version, found, plan_excursion(found, 0, settings))
     except (ValueError, TypeError, ArithmeticError) as error:
         what = f"{entry.title} cannot be laid out: {printable(str(error))}"

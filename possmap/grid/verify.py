@@ -11,6 +11,7 @@ import numpy as np
 
 from possmap.core.evidence import Layer
 from possmap.core.lattice import TileKey
+from possmap.core.refined import RefinedTrack
 from possmap.errors import PossmapError
 from possmap.grid.encoding import encode
 from possmap.grid.grid import Grid
@@ -18,9 +19,13 @@ from possmap.grid.ledger import Entry
 from possmap.grid.replay import Replayed, remade, replay
 from possmap.grid.soundness import LAYER_WORDS, Soundness
 from possmap.progress import Progress, quiet
+from possmap.refining import check_extra
 
 SAMPLE = 64
 """Tiles that are fused again, unless all are asked for."""
+
+ROUNDED_M = 1e-6
+"""What refining may differ by from one machine to another [m, rad]."""
 
 MOST_FAULTS = 1000
 """Faults that are listed; more of them help nobody."""
@@ -101,11 +106,29 @@ class _Look:
                     sound = False
                     yield fault
             if sound:
+                yield from self._refined()
                 yield from self._against_ledger()
             else:
                 yield "the tiles were not compared with the ledger, which is damaged"
         except PossmapError as error:
             yield self._grid.database.bare(error)
+
+    def _refined(self) -> Iterator[str]:
+        """Refine again what the ledger holds, and compare the tracks."""
+        tracks, ledger = self._grid.ledger.tracks, self._grid.ledger
+        making = tracks.making()
+        if making is None:
+            return
+        check_extra("possmap verify of a refined grid")
+        from possmap.refining.refine import refine
+
+        entries = list(ledger.entries())
+        versions = ((ledger.version(entry), entry.model) for entry in entries)
+        again = refine(versions, self._grid.settings, making.robots).tracks
+        for entry in entries:
+            held, made = tracks.track(entry.identity), again.get(entry.name)
+            if (held is None) != (made is None) or not _is_near(held or (), made or ()):
+                yield f"{entry.title}: its refined track is not what its ledger's records make"
 
     def _against_ledger(self) -> Iterator[str]:
         """Fuse tiles again, and lay out again the excursions that touch them."""
@@ -148,3 +171,10 @@ class _Look:
             yield f"{entry.title}: its places are not those of its records"
         if not self._soundness.is_touched(entry, again.plan.touched()):
             yield f"{entry.title}: its tiles are not those that its records touch"
+
+
+def _is_near(one: RefinedTrack, other: RefinedTrack) -> bool:
+    """Whether two tracks are one but for what other libraries of algebra round otherwise."""
+    return len(one) == len(other) and np.allclose(
+        np.array(one), np.array(other), rtol=0, atol=ROUNDED_M
+    )

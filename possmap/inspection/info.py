@@ -13,6 +13,7 @@ from possmap.grid.arrivals import Arrival
 from possmap.grid.forgotten import Forgotten
 from possmap.grid.grid import Grid
 from possmap.grid.ledger import Entry
+from possmap.grid.refined import Making
 from possmap.grid.tiles import MOST_COUNTED, Undecided
 from possmap.settings.setting_table import Value
 from possmap.settings.settings import Settings, assemble
@@ -54,6 +55,7 @@ class GridInfo:
     arrivals : what came by which file, also what was known already.
     forgotten : what was taken out, and is not let in.
     undecided : how many cells are known and contested; None of more than MOST_COUNTED tiles.
+    refined : how it was made of another grid; None: of logs.
     """
 
     grid: Path
@@ -71,6 +73,7 @@ class GridInfo:
     arrivals: tuple[Arrival, ...]
     forgotten: tuple[Forgotten, ...]
     undecided: Undecided | None
+    refined: Making | None
 
     @property
     def robots(self) -> list[str]:
@@ -137,6 +140,7 @@ def info(path: Path) -> GridInfo:
             arrivals=tuple(grid.ledger.came.all()),
             forgotten=grid.ledger.forgotten.all(),
             undecided=_undecided(grid, tiles),
+            refined=grid.ledger.tracks.making(),
         )
 
 

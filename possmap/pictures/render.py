@@ -184,9 +184,10 @@ def counted_words(grid: Grid, entries: Sequence[Entry] | None = None) -> str:
     entries = list(grid.ledger.entries()) if entries is None else entries
     robots = len({entry.robot for entry in entries})
     records = sum(entry.records for entry in entries)
+    refined = ", refined" if grid.ledger.tracks.making() else ""
     return (
         f"{plural(robots, 'robot')}, {plural(len(entries), 'excursion')}, "
-        f"{plural(records, 'record')}; {grid.resolution:g} m per cell"
+        f"{plural(records, 'record')}{refined}; {grid.resolution:g} m per cell"
     )
 
 
@@ -243,6 +244,8 @@ def metadata(grid: Grid, look: Look, chosen: Raster) -> dict[str, str]:
     window = chosen.window
     x, y = grid.lattice.corner_of(window.row0, window.column0)
     said = {"possmap:selection": look.selection.title} if look.selection else {}
+    if making := grid.ledger.tracks.making():
+        said["possmap:refined_from"] = making.made_of
     return {
         "Software": f"possmap {version()}",
         "possmap:digest": grid.digest(),

@@ -127,8 +127,8 @@ def _are_pieces(one: _Wall, other: _Wall, noise: float) -> bool:
     """Whether two may be pieces of one wall: side by side, and on one line as far as is known."""
     apart = (one.coordinate - other.coordinate) ** 2
     shared = min(one.high, other.high) - max(one.low, other.low)
-    return (
-        shared < LEAST_OVERLAP_M and apart <= ON_LINE**2 * (one.variance + other.variance + 2 * noise)
+    return shared < LEAST_OVERLAP_M and apart <= ON_LINE**2 * (
+        one.variance + other.variance + 2 * noise
     )
 
 

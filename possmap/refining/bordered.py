@@ -97,7 +97,9 @@ class Bordered:
 
         z is numbered: two of each block, then walls.
         """
-        main = [(column, value, value * weight) for column, value in zip(columns, values, strict=True)]
+        main = [
+            (column, value, value * weight) for column, value in zip(columns, values, strict=True)
+        ]
         edge = list(zip(border, border_values, strict=True))
         for number, (column, value, weighted) in enumerate(main):
             self._targets.append((column, weighted * target))
@@ -149,7 +151,15 @@ class Bordered:
             schur[np.ix_(walls, walls)] += outside[:, :-1]
             wall_target[walls] += outside[:, -1]
             solved.append(
-                _Block(band_factor, inside[:, :-1], inside[:, -1], walls, inverse, coupled[:, :-1], coupled[:, -1])
+                _Block(
+                    band_factor,
+                    inside[:, :-1],
+                    inside[:, -1],
+                    walls,
+                    inverse,
+                    coupled[:, :-1],
+                    coupled[:, -1],
+                )
             )
         covariance = np.linalg.inv(schur)
         at = covariance @ wall_target
@@ -191,7 +201,9 @@ def _variances(one: _Block, covariance: Floats) -> Floats:
         some = np.arange(begin, min(size, begin + _AT_ONCE))
         columns = np.zeros((size, len(some)))
         columns[some, some - begin] = 1.0
-        columns = cho_solve_banded((one.factor, True), columns, overwrite_b=True, check_finite=False)
+        columns = cho_solve_banded(
+            (one.factor, True), columns, overwrite_b=True, check_finite=False
+        )
         inverse[some] = columns[some, some - begin]
     of_walls = covariance[np.ix_(one.walls, one.walls)]
     mixed = -one.coupling @ of_walls
@@ -200,5 +212,7 @@ def _variances(one: _Block, covariance: Floats) -> Floats:
     return found
 
 
-def _joined(parts: Sequence[tuple[NDArray[np.float64] | Ints, ...]]) -> tuple[NDArray[np.float64] | Ints, ...]:
+def _joined(
+    parts: Sequence[tuple[NDArray[np.float64] | Ints, ...]],
+) -> tuple[NDArray[np.float64] | Ints, ...]:
     return tuple(np.concatenate(some) for some in zip(*parts, strict=True))

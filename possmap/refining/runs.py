@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from possmap.core.correction import CorrectedStretch
 from possmap.core.model import ErrorModel
-from possmap.core.propagation import StretchErrors
+from possmap.core.propagation import ErrorRectangle, StretchErrors
 from possmap.core.records import PartialMap, Pose, Wall
 from possmap.core.settings import EvidenceSettings
 from possmap.core.track import Stretch, stretches
@@ -65,6 +65,33 @@ class Sighting(NamedTuple):
     half_width: float
 
 
+class Frame:
+    """The building's axes."""
+
+    def __init__(self, settings: EvidenceSettings) -> None:
+        self.axes = math.radians(settings.axes)
+        self._cos, self._sin = math.cos(self.axes), math.sin(self.axes)
+
+    def turned(self, place: tuple[float, float]) -> Floats:
+        """Return a place or vector of the site frame along and across the axes."""
+        x, y = place
+        return np.array([self._cos * x + self._sin * y, self._cos * y - self._sin * x])
+
+    def back(self, places: Floats) -> Floats:
+        """Return places along and across the axes in the site frame; shape (n, 2)."""
+        x, y = places.T
+        return np.stack([self._cos * x - self._sin * y, self._sin * x + self._cos * y], axis=1)
+
+    def half_back(self, halves: Floats) -> Floats:
+        """Return half-widths along and across the axes in the site frame; shape (n, 2).
+
+        What both have in common is left out.
+        """
+        turn = np.array([[self._cos**2, self._sin**2], [self._sin**2, self._cos**2]])
+        found: Floats = np.sqrt(halves**2 @ turn)
+        return found
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Excursion:
     """What one excursion brings to the problem; places in the frame of the building's axes.
@@ -88,13 +115,11 @@ class Excursion:
         direction [rad]; infinite: nothing is known of it.
     seen
         Directions of walls: run, how far off the axes [rad], half-width [rad]; shape (n, 3).
-    half_before
-        Half-widths of the nodes [m]; shape (runs + 1, 2).
     sightings
         Walls seen.
     poses
-        Of each pose the run, the shares a and b of its chord, and the filter's heading error [rad];
-        shape (poses, 4).
+        Of each pose the run, the shares a and b of its chord and the filter's heading error [rad];
+        then, in the site's frame, place and half-widths of the filter [m]; shape (poses, 8).
     """
 
     version: PartialMap
@@ -110,9 +135,23 @@ class Excursion:
     along_half: Floats
     aligned_half: Floats
     seen: Floats
-    half_before: Floats
     sightings: tuple[Sighting, ...]
     poses: Floats
+
+    frame: Frame
+
+    def laid(self, nodes: Floats, variances: Floats) -> tuple[Floats, Floats]:
+        """Return the places and half-widths of its poses in the site's frame [m], for its nodes.
+
+        nodes : shape (runs + 1, 2); variances : of their x and y, shape (runs + 1, 2 or more).
+        """
+        run, (a, b) = self.poses[:, 0].astype(np.int64), self.poses[:, 1:3].T[..., None]
+        step = nodes[run + 1] - nodes[run]
+        across = np.stack([-step[:, 1], step[:, 0]], axis=1)
+        places = self.frame.back(nodes[run] + a * step + b * across)
+        halves = self.model.factor * np.sqrt(variances[:, :2])
+        share = np.clip(a, 0.0, 1.0)
+        return places, self.frame.half_back((1 - share) * halves[run] + share * halves[run + 1])
 
     @property
     def is_orthogonal(self) -> bool:
@@ -144,7 +183,7 @@ def cut(version: PartialMap, model: ErrorModel, settings: EvidenceSettings) -> E
     if first is None or not any(one.is_run for one in track):
         return None
     now = WallFilter(first, model, settings)
-    half_before = [now.rectangle]
+    start = now.rectangle
     steps = []
     for logged, following in zip_longest(track, track[1:]):
         heading_half = now.heading_half
@@ -153,8 +192,7 @@ def cut(version: PartialMap, model: ErrorModel, settings: EvidenceSettings) -> E
         steps.append(_Step(laid, errors, now.began, heading_half, *turn))
     starts = [number for number, step in enumerate(steps) if step.began]
     groups = [steps[i:j] for i, j in zip(starts, [*starts[1:], len(steps)], strict=True)]
-    half_before += [_last_run(group).errors.end for group in groups]
-    frame = _Frame(settings)
+    frame = Frame(settings)
     chord = np.array([frame.turned(_sum(group)) for group in groups])
     angle = [_angle(group) for group in groups]
     length = np.array([_distance(group) for group in groups])
@@ -168,7 +206,9 @@ def cut(version: PartialMap, model: ErrorModel, settings: EvidenceSettings) -> E
     step = np.diff(angle, prepend=0.0) - known
     turned = parts * math.radians(model.turn_noise) ** 2 + np.where(followed, 0, model.across**2)
     turned[0] += math.radians(first.error_heading_deg) ** 2
-    unknown = [one and not all(s.is_told for s in some) for one, some in zip(followed, before, strict=True)]
+    unknown = [
+        one and not all(s.is_told for s in some) for one, some in zip(followed, before, strict=True)
+    ]
     spread = math.hypot(math.radians(model.alignment_spread), math.radians(LEAST_SPREAD_DEG))
     return Excursion(
         version,
@@ -183,24 +223,26 @@ def cut(version: PartialMap, model: ErrorModel, settings: EvidenceSettings) -> E
         turned_half=np.where(unknown, np.inf, np.maximum(LEAST_TURN, np.sqrt(turned))),
         along_half=model.along * length,
         aligned_half=np.where(followed, spread, np.inf),
-        seen=np.array([row for run, group in enumerate(groups) for row in _seen(run, group, model, frame)]).reshape(-1, 3),
-        half_before=np.array(half_before),
-        sightings=tuple(one for run, group in enumerate(groups) for one in _sightings(run, group, chord[run], model, frame)),
-        poses=np.array([*_before(first, steps[: starts[0]]), *(row for run, group in enumerate(groups) for row in _poses(run, group, chord[run], frame))]),
+        seen=np.array(
+            [row for run, group in enumerate(groups) for row in _seen(run, group, model, frame)]
+        ).reshape(-1, 3),
+        sightings=tuple(
+            one
+            for run, group in enumerate(groups)
+            for one in _sightings(run, group, chord[run], model, frame)
+        ),
+        frame=frame,
+        poses=np.array(
+            [
+                *_before(first, start, steps[: starts[0]]),
+                *(
+                    row
+                    for run, group in enumerate(groups)
+                    for row in _poses(run, group, chord[run], frame)
+                ),
+            ]
+        ),
     )
-
-
-class _Frame:
-    """The building's axes."""
-
-    def __init__(self, settings: EvidenceSettings) -> None:
-        self.axes = math.radians(settings.axes)
-        self._cos, self._sin = math.cos(self.axes), math.sin(self.axes)
-
-    def turned(self, place: tuple[float, float]) -> Floats:
-        """Return a place or vector of the site frame along and across the axes."""
-        x, y = place
-        return np.array([self._cos * x + self._sin * y, self._cos * y - self._sin * x])
 
 
 def _turn(
@@ -214,10 +256,6 @@ def _turn(
     parts = abs(t) / 45
     known = math.radians(model.turn_gain * t + model.turn_bias * parts)
     return known, parts, logged.is_run or is_told(logged)
-
-
-def _last_run(group: Sequence[_Step]) -> _Step:
-    return next(step for step in reversed(group) if step.laid.logged.is_run)
 
 
 def _vector(step: _Step) -> tuple[float, float]:
@@ -251,11 +289,13 @@ def _shares(offset: Floats, chord: Floats) -> tuple[float, float]:
     return along, across
 
 
-def _before(first: Pose, steps: Sequence[_Step]) -> Iterator[tuple[float, ...]]:
+def _before(
+    first: Pose, start: ErrorRectangle, steps: Sequence[_Step]
+) -> Iterator[tuple[float, ...]]:
     """Yield the poses before the first run."""
-    yield 0, 0.0, 0.0, 0.0
+    yield 0, 0.0, 0.0, 0.0, first.x, first.y, *start
     for step in steps:
-        yield 0, 0.0, 0.0, _heading_error(step)
+        yield 0, 0.0, 0.0, _heading_error(step), *step.laid.end, *step.errors.end
 
 
 def _heading_error(step: _Step) -> float:
@@ -263,17 +303,17 @@ def _heading_error(step: _Step) -> float:
 
 
 def _poses(
-    run: int, group: Sequence[_Step], chord: Floats, frame: _Frame
+    run: int, group: Sequence[_Step], chord: Floats, frame: Frame
 ) -> Iterator[tuple[float, ...]]:
     """Yield the poses that end the stretches of a run."""
     at = np.zeros(2)
     for step in group:
         at = at + frame.turned(_vector(step))
-        yield run, *_shares(at, chord), _heading_error(step)
+        yield run, *_shares(at, chord), _heading_error(step), *step.laid.end, *step.errors.end
 
 
 def _seen(
-    run: int, group: Sequence[_Step], model: ErrorModel, frame: _Frame
+    run: int, group: Sequence[_Step], model: ErrorModel, frame: Frame
 ) -> Iterator[tuple[float, float, float]]:
     """Yield directions of walls seen in passing, unless they may mean either of the axes."""
     if group[0].laid.logged.is_followed:
@@ -298,7 +338,7 @@ def _seen(
 
 
 def _sightings(
-    run: int, group: Sequence[_Step], chord: Floats, model: ErrorModel, frame: _Frame
+    run: int, group: Sequence[_Step], chord: Floats, model: ErrorModel, frame: Frame
 ) -> Iterator[Sighting]:
     """Yield the walls seen during a run that can be told apart by their coordinate."""
     half = math.hypot(model.wall_noise, model.sensor)
@@ -309,7 +349,9 @@ def _sightings(
         for record, wall in laid.logged.seen:
             if not (isinstance(wall, Wall) and laid.logged.is_run):
                 continue
-            ends = [frame.turned(laid.place(*end)) for end in ((wall.x, wall.y), (wall.x2, wall.y2))]
+            ends = [
+                frame.turned(laid.place(*end)) for end in ((wall.x, wall.y), (wall.x2, wall.y2))
+            ]
             x, y = (ends[1] - ends[0]).tolist()
             if math.hypot(x, y) < LEAST_WALL_M:
                 continue

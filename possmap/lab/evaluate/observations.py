@@ -14,6 +14,7 @@ from possmap.core.lattice import HAIR, Lattice, Window
 from possmap.core.model import ErrorModel
 from possmap.core.pyramid import count_of, relevant, stamps
 from possmap.core.records import Beam, PartialMap, Pose, Wall
+from possmap.core.refined import RefinedTrack
 from possmap.core.settings import EvidenceSettings
 from possmap.core.track import stretches
 from possmap.lab.evaluate.raster import Flags, Floats, Ints, grown, within
@@ -33,14 +34,18 @@ class JudgedExcursion:
 
     @classmethod
     def of(
-        cls, version: PartialMap, model: ErrorModel, settings: EvidenceSettings
+        cls,
+        version: PartialMap,
+        model: ErrorModel,
+        settings: EvidenceSettings,
+        refined: RefinedTrack | None = None,
     ) -> JudgedExcursion:
-        """Lay out an excursion as the grid's own estimator does."""
-        found = findings(version, model, settings)
+        """Lay out an excursion as the grid does: by its estimator, or as it was refined."""
+        found = findings(version, model, settings, refined)
         first = next((one for one in version.records if isinstance(one, Pose)), None)
         if first is None:
             return cls(version, found, {})
-        laid = estimate(first, stretches(version.records), model, settings)
+        laid = estimate(first, stretches(version.records), model, settings, refined)
         runs = {
             one.logged.end_index: Segment(
                 one.logged.end_index, *one.start, *one.end, errors.start, errors.end

@@ -176,7 +176,8 @@ class _Read:
             excursions = []
             for entry in grid.ledger.entries():
                 version = grid.ledger.version(entry)
-                excursions.append(JudgedExcursion.of(version, entry.model, settings))
+                refined = grid.ledger.tracks.track(entry.identity)
+                excursions.append(JudgedExcursion.of(version, entry.model, settings, refined))
             if not any(one.found.evidence for one in excursions):
                 raise TruthError(f"{printable(str(path))}: holds no evidence, so nothing to judge")
             return cls(path, part, settings.resolution, grid.window, tuple(excursions))
