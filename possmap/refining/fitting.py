@@ -18,6 +18,9 @@ STEPS = 3
 ROBUST = 3.0
 """Standard deviations at which a residual begins to count little (Geman and McClure's)."""
 
+LEAST_SCALE = 0.3
+SLACK = 1.5
+
 FEWEST = 2
 """Sightings of walls without which an excursion is left alone."""
 DOUBTFUL = 3.0
@@ -71,18 +74,21 @@ def fit(excursions: Sequence[Excursion], problem: Problem, robots: Collection[st
         for one in excursions
     ]  # fmt: skip
     nobody = np.full(len(problem.kind), NONE)
-    now = _solved(problem, nobody, np.zeros(len(problem.owner)))
+    scale = 1.0
+    now = _solved(problem, nobody, np.zeros(len(problem.owner)), scale)
     for number in range(ROUNDS):
-        placed, chosen = _placed(problem, now, alone)
+        placed, chosen = _placed(problem, now, alone, scale)
         wall_of = np.full(len(problem.kind), NONE)
         wall_of[chosen] = associate(placed)
-        now = _solved(problem, wall_of, now.heading)
+        now = _solved(problem, wall_of, now.heading, scale)
+        if number < ROUNDS - 1:
+            scale = float(np.clip(scale * SLACK * _spread(now.residuals[wall_of >= 0]), LEAST_SCALE, 1))
         if number < ROUNDS - 1:
             alone = [
                 why or _misfit(one, problem, i, now, wall_of, number == ROUNDS - 2)
                 for i, (one, why) in enumerate(zip(excursions, alone, strict=True))
             ]
-    every, _ = _placed(problem, now, [""] * len(excursions))
+    every, _ = _placed(problem, now, [""] * len(excursions), scale)
     heading = np.zeros(len(now.nodes))
     heading[problem.node] = now.heading
     return Fit(
@@ -103,17 +109,22 @@ class _Solved:
     residuals: Floats
 
 
-def _solved(problem: Problem, wall_of: Ints, heading: Floats) -> _Solved:
+def _spread(residuals: Floats) -> float:
+    """Return the root mean square of residuals, of each 9 at most; 1 without any."""
+    return float(np.sqrt(np.mean(np.minimum(residuals**2, 9.0)))) if len(residuals) else 1.0
+
+
+def _solved(problem: Problem, wall_of: Ints, heading: Floats, scale: float) -> _Solved:
     """Solve for one association, weighing residuals by the solution before."""
     weights, seen = np.ones(len(wall_of)), np.ones(len(problem.seen_sd))
     rows = np.arange(len(wall_of))
     for step in range(STEPS):
-        found = problem.solve(wall_of, heading, weights, seen, step == STEPS - 1)
+        found = problem.solve(wall_of, heading, weights / scale**2, seen, step == STEPS - 1)
         main = found.main.reshape(-1, 3)
         nodes, heading = main[:, :2], main[problem.node, 2]
         walls = np.append(found.walls, 0.0)  # for those of no wall, numbered below 0
         off = problem.middles(nodes)[rows, problem.normal] - walls[np.maximum(wall_of, -1)]
-        residuals = np.where(wall_of >= 0, off / problem.noise_sd, 0.0)
+        residuals = np.where(wall_of >= 0, off / (scale * problem.noise_sd), 0.0)
         weights = _weights(residuals)
         seen = _weights((problem.seen_off + heading[problem.seen_run]) / problem.seen_sd)
     assert found.main_variances is not None
@@ -127,7 +138,7 @@ def _weights(residuals: Floats) -> Floats:
     return weights
 
 
-def _placed(problem: Problem, now: _Solved, alone: Sequence[str]) -> tuple[Placed, Ints]:
+def _placed(problem: Problem, now: _Solved, alone: Sequence[str], scale: float) -> tuple[Placed, Ints]:
     """Return where the sightings of those who are not left alone lie, and their numbers."""
     middles, rows = problem.middles(now.nodes), np.arange(len(problem.kind))
     along = middles[rows, 1 - problem.normal]
@@ -138,7 +149,7 @@ def _placed(problem: Problem, now: _Solved, alone: Sequence[str]) -> tuple[Place
         along + problem.low,
         along + problem.high,
         problem.at_sightings(now.variances),
-        problem.noise_sd**2,
+        (scale * problem.noise_sd) ** 2,
     )
     asked = np.array([not why for why in alone], dtype=bool)
     chosen = np.flatnonzero(asked[problem.sighting_owner])
