@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,16 +44,32 @@ class Placed:
     noise: Floats
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class _Wall:
-    """A wall as far as its sightings are gathered."""
+    """A wall as far as its sightings are gathered; one without any went into another."""
 
     weight: float
     coordinate: float
     variance: float
     low: float
     high: float
-    members: list[int] = field(default_factory=list)
+    members: list[int]
+
+    @property
+    def bucket(self) -> int:
+        """Where it is looked for."""
+        return math.floor(self.coordinate / _BUCKET_M)
+
+    def take(self, other: _Wall) -> None:
+        """Take over the sightings of another piece of the same wall."""
+        self.weight += other.weight
+        self.coordinate += other.weight / self.weight * (other.coordinate - self.coordinate)
+        self.variance = min(self.variance, other.variance)
+        self.low, self.high = min(self.low, other.low), max(self.high, other.high)
+        if len(other.members) > len(self.members):
+            self.members, other.members = other.members, self.members
+        self.members += other.members
+        other.members = []
 
 
 def associate(placed: Placed) -> Ints:
@@ -76,7 +92,7 @@ def associate(placed: Placed) -> Ints:
 
 def _gathered(order: NDArray[np.int64], placed: Placed, found: Ints) -> list[_Wall]:
     """Gather sightings of one kind into walls; note those that get none."""
-    buckets: dict[int, list[_Wall]] = {}
+    near: dict[int, list[_Wall]] = {}  # by where they are, that not all need be asked
     walls: list[_Wall] = []
     columns = (placed.coordinate, placed.low, placed.high, placed.variance, placed.noise)
     rows = zip(order.tolist(), *(column[order].tolist() for column in columns), strict=True)
@@ -85,42 +101,32 @@ def _gathered(order: NDArray[np.int64], placed: Placed, found: Ints) -> list[_Wa
         if reach > WIDEST_GATE_M:
             found[number] = VAGUE
             continue
+        one = _Wall(1 / (variance + noise), at, variance, low, high, [number])
         fitting: list[tuple[float, _Wall]] = []
-        for bucket in range(
+        buckets = range(
             math.floor((at - reach) / _BUCKET_M), math.floor((at + reach) / _BUCKET_M) + 1
-        ):
-            for wall in buckets.get(bucket, ()):
-                total = variance + wall.variance + 2 * noise
-                squared = (at - wall.coordinate) ** 2 / total
-                shared = min(high, wall.high) - max(low, wall.low)
-                least = min(LEAST_OVERLAP_M, (high - low) / 2, (wall.high - wall.low) / 2)
-                if squared <= GATE**2 and shared >= least:
+        )
+        for bucket in buckets:
+            for wall in near.get(bucket, ()):
+                squared = (at - wall.coordinate) ** 2 / (variance + wall.variance + 2 * noise)
+                if squared <= GATE**2 and _do_overlap(one, wall):
                     fitting.append((squared, wall))
         fitting.sort(key=lambda one: one[0])
-        weight = 1 / (variance + noise)
-        best = fitting[0][1] if fitting else None
-        for squared, other in fitting[1:]:
-            if squared - fitting[0][0] >= CLEARLY:
-                break
-            if not _are_pieces(best, other, noise):
-                found[number] = AMBIGUOUS
-                break
-        if found[number] == AMBIGUOUS:
+        best = [wall for squared, wall in fitting if squared - fitting[0][0] < CLEARLY]
+        if not all(_are_pieces(best[0], other, noise) for other in best[1:]):
+            found[number] = AMBIGUOUS
             continue
-        if best is None:
-            wall = _Wall(weight, at, variance, low, high, [number])
-            walls.append(wall)
-            buckets.setdefault(math.floor(at / _BUCKET_M), []).append(wall)
-            continue
-        joined = _Wall(weight, at, variance, low, high, [number])
-        for squared, wall in fitting:
-            if squared - fitting[0][0] < CLEARLY:
-                buckets[math.floor(wall.coordinate / _BUCKET_M)].remove(wall)
-                walls.remove(wall)
-                joined = _joined(wall, joined)
-        walls.append(joined)
-        buckets.setdefault(math.floor(joined.coordinate / _BUCKET_M), []).append(joined)
+        for wall in best:
+            near[wall.bucket].remove(wall)
+            one.take(wall)
+        walls.append(one)
+        near.setdefault(one.bucket, []).append(one)
     return walls
+
+
+def _do_overlap(one: _Wall, other: _Wall) -> bool:
+    shared = min(one.high, other.high) - max(one.low, other.low)
+    return shared >= min(LEAST_OVERLAP_M, (one.high - one.low) / 2, (other.high - other.low) / 2)
 
 
 def _are_pieces(one: _Wall, other: _Wall, noise: float) -> bool:
@@ -129,16 +135,4 @@ def _are_pieces(one: _Wall, other: _Wall, noise: float) -> bool:
     shared = min(one.high, other.high) - max(one.low, other.low)
     return shared < LEAST_OVERLAP_M and apart <= ON_LINE**2 * (
         one.variance + other.variance + 2 * noise
-    )
-
-
-def _joined(one: _Wall, other: _Wall) -> _Wall:
-    weight = one.weight + other.weight
-    return _Wall(
-        weight,
-        one.coordinate + other.weight / weight * (other.coordinate - one.coordinate),
-        min(one.variance, other.variance),
-        min(one.low, other.low),
-        max(one.high, other.high),
-        one.members + other.members,
     )

@@ -14,7 +14,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from possmap.refining.runs import Floats, Ints
@@ -101,7 +100,7 @@ class Bordered:
             (column, value, value * weight) for column, value in zip(columns, values, strict=True)
         ]
         edge = list(zip(border, border_values, strict=True))
-        for number, (column, value, weighted) in enumerate(main):
+        for number, (column, _, weighted) in enumerate(main):
             self._targets.append((column, weighted * target))
             for other, its, _ in main[: number + 1]:
                 low, high = np.minimum(column, other), np.maximum(column, other)
@@ -121,61 +120,58 @@ class Bordered:
         numpy.linalg.LinAlgError
             If the rows leave an unknown open, or contradict the arithmetic of doubles.
         """
-        size, blocks = int(self._bounds[-1]), self.blocks
-        own_count = OWN * blocks
-        rows, columns, values = _joined(self._pairs)
-        band = np.bincount(rows * size + columns, values, BAND * size).reshape(BAND, size)
-        target = np.bincount(*_joined(self._targets), size)
-        border_target = np.bincount(*_joined(self._border_targets), own_count + self._walls)
-        rows, columns, values = _joined(self._border)
-        is_wall = rows >= own_count
-        left = np.bincount(rows[is_wall] - own_count, values[is_wall], self._walls) + _NO_WALL
-        schur, wall_target = np.diag(left), border_target[own_count:].copy()
-        rows, columns, values = rows[~is_wall], columns[~is_wall], values[~is_wall]
-        mine = rows // OWN * 4 + rows % OWN * 2 + columns % OWN
-        own = np.bincount(mine, values, 4 * blocks).reshape(-1, 2, 2)
-        own[:, 0, 1] = own[:, 1, 0] = own[:, 0, 1] + own[:, 1, 0]
-        factor = cholesky_banded(band, lower=True, check_finite=False)
+        factor = cholesky_banded(self._band(), lower=True, check_finite=False)
+        target = _sums(*_two(self._targets), self._size)
+        own, schur = self._corner()
+        edge = _sums(*_two(self._border_targets), len(own) * OWN + self._walls)
+        own_target, wall_target = edge[: len(own) * OWN].reshape(-1, OWN), edge[len(own) * OWN :]
         solved: list[_Block] = []
-        for number, (walls, shared) in enumerate(self._edges(size)):
-            begin, end = self._bounds[number], self._bounds[number + 1]
-            band_factor = np.ascontiguousarray(factor[:, begin:end])
-            both = np.column_stack([shared, target[begin:end]])
-            inside = cho_solve_banded((band_factor, True), both, check_finite=False)
-            rest = -shared.T @ inside
-            rest[:OWN, :OWN] += own[number]
-            rest[:OWN, -1] += border_target[OWN * number : OWN * (number + 1)]
-            inverse = np.linalg.inv(rest[:OWN, :OWN])
-            coupled = inverse @ rest[:OWN, OWN:]
-            outside = rest[OWN:, OWN:] - rest[OWN:, :OWN] @ coupled
-            schur[np.ix_(walls, walls)] += outside[:, :-1]
-            wall_target[walls] += outside[:, -1]
-            solved.append(
-                _Block(
-                    band_factor,
-                    inside[:, :-1],
-                    inside[:, -1],
-                    walls,
-                    inverse,
-                    coupled[:, :-1],
-                    coupled[:, -1],
-                )
-            )
-        covariance = np.linalg.inv(schur)
+        for number, (walls, shared) in enumerate(self._edges()):
+            some = slice(self._bounds[number], self._bounds[number + 1])
+            right = own_target[number], target[some]
+            one, rest = _solved(factor[:, some], walls, shared, own[number], right)
+            schur[np.ix_(walls, walls)] += rest[:, :-1]
+            wall_target[walls] += rest[:, -1]
+            solved.append(one)
+        covariance = np.asarray(np.linalg.inv(schur), dtype=np.float64)
         at = covariance @ wall_target
         own_found = np.array([one.own - one.coupling @ at[one.walls] for one in solved])
         main = [
             one.alone - one.shared @ np.append(mine, at[one.walls])
             for one, mine in zip(solved, own_found, strict=True)
         ]
+        found = Fitted(np.concatenate(main), own_found, at, None, None)
         if not with_variances:
-            return Fitted(np.concatenate(main), own_found, at, None, None)
+            return found
         variances = np.concatenate([_variances(one, covariance) for one in solved])
-        return Fitted(np.concatenate(main), own_found, at, variances, np.diag(covariance))
+        return found._replace(main_variances=variances, wall_variances=np.diag(covariance))
 
-    def _edges(self, size: int) -> Iterator[tuple[Ints, Floats]]:
+    @property
+    def _size(self) -> int:
+        return int(self._bounds[-1])
+
+    def _band(self) -> Floats:
+        """Return A, diagonal by diagonal, as LAPACK keeps the lower half of a band."""
+        offsets, columns, values = _three(self._pairs)
+        flat = _sums(offsets * self._size + columns, values, BAND * self._size)
+        return flat.reshape(BAND, self._size)
+
+    def _corner(self) -> tuple[Floats, Floats]:
+        """Return C: two by two of each block, and of the walls, which rows do not mix."""
+        rows, columns, values = _three(self._border)
+        first = OWN * self.blocks
+        walls = rows >= first
+        of_walls = _sums(rows[walls] - first, values[walls], self._walls)
+        rows, columns, values = rows[~walls], columns[~walls], values[~walls]
+        place = rows // OWN * OWN**2 + rows % OWN * OWN + columns % OWN
+        own = _sums(place, values, OWN**2 * self.blocks).reshape(-1, OWN, OWN)
+        own[:, 0, 1] += own[:, 1, 0]
+        own[:, 1, 0] = own[:, 0, 1]
+        return own, np.diag(of_walls + _NO_WALL)
+
+    def _edges(self) -> Iterator[tuple[Ints, Floats]]:
         """Yield of each block the walls that it has to do with, and B: its own two, then walls."""
-        rows, columns, values = _joined(self._shared)
+        rows, columns, values = _three(self._shared)
         owner = np.searchsorted(self._bounds, rows, side="right") - 1
         every = OWN * self.blocks + self._walls
         known, place = np.unique(owner * every + columns, return_inverse=True)
@@ -189,8 +185,29 @@ class Bordered:
             width = last - first
             height = int(self._bounds[number + 1] - self._bounds[number])
             at = (rows[begin:end] - self._bounds[number]) * width + place[begin:end] - first
-            dense = np.bincount(at, values[begin:end], height * width)
+            dense: Floats = _sums(at, values[begin:end], height * width)
             yield walls, dense.reshape(height, width)
+
+
+def _solved(
+    factor: Floats, walls: Ints, shared: Floats, own: Floats, right: tuple[Floats, Floats]
+) -> tuple[_Block, Floats]:
+    """Solve a block as far as it can be alone; return what is left for its walls, and its target.
+
+    shared : B. own : C of its own two. right : g of its own two, and f.
+    """
+    band = np.ascontiguousarray(factor)
+    inside = cho_solve_banded((band, True), np.column_stack([shared, right[1]]), check_finite=False)
+    rest = -shared.T @ inside
+    rest[:OWN, :OWN] += own
+    rest[:OWN, -1] += right[0]
+    inverse = np.linalg.inv(rest[:OWN, :OWN])
+    coupled = inverse @ rest[:OWN, OWN:]
+    left = rest[OWN:, OWN:] - rest[OWN:, :OWN] @ coupled
+    block = _Block(
+        band, inside[:, :-1], inside[:, -1], walls, inverse, coupled[:, :-1], coupled[:, -1]
+    )
+    return block, left
 
 
 def _variances(one: _Block, covariance: Floats) -> Floats:
@@ -212,7 +229,18 @@ def _variances(one: _Block, covariance: Floats) -> Floats:
     return found
 
 
-def _joined(
-    parts: Sequence[tuple[NDArray[np.float64] | Ints, ...]],
-) -> tuple[NDArray[np.float64] | Ints, ...]:
-    return tuple(np.concatenate(some) for some in zip(*parts, strict=True))
+def _sums(places: Ints, values: Floats, size: int) -> Floats:
+    """Return the sum of values at each place."""
+    return np.bincount(places, values, size).astype(np.float64, copy=False)
+
+
+def _two(parts: Sequence[tuple[Ints, Floats]]) -> tuple[Ints, Floats]:
+    return np.concatenate([one for one, _ in parts]), np.concatenate([one for _, one in parts])
+
+
+def _three(parts: Sequence[tuple[Ints, Ints, Floats]]) -> tuple[Ints, Ints, Floats]:
+    return (
+        np.concatenate([one for one, _, _ in parts]),
+        np.concatenate([one for _, one, _ in parts]),
+        np.concatenate([one for _, _, one in parts]),
+    )

@@ -18,9 +18,12 @@ STEPS = 3
 ROBUST = 3.0
 """Standard deviations at which a residual begins to count little (Geman and McClure's)."""
 
-LEAST_SCALE = 0.3
+LEAST_SCALE = 0.4
 SLACK = 1.5
 
+NOT_ASKED, NOT_ORTHOGONAL = "not asked for", "its walls are not along the axes"
+UNHEARD = (NOT_ASKED, NOT_ORTHOGONAL)
+"""Why an excursion may have no part in the walls from the beginning."""
 FEWEST = 2
 """Sightings of walls without which an excursion is left alone."""
 DOUBTFUL = 3.0
@@ -69,8 +72,8 @@ def fit(excursions: Sequence[Excursion], problem: Problem, robots: Collection[st
     robots : whose excursions may be moved; none: all.
     """
     alone = [
-        "not asked for" if robots and one.version.robot not in robots
-        else "" if one.is_orthogonal else "its walls are not along the axes"
+        NOT_ASKED if robots and one.version.robot not in robots
+        else "" if one.is_orthogonal else NOT_ORTHOGONAL
         for one in excursions
     ]  # fmt: skip
     nobody = np.full(len(problem.kind), NONE)
@@ -82,7 +85,9 @@ def fit(excursions: Sequence[Excursion], problem: Problem, robots: Collection[st
         wall_of[chosen] = associate(placed)
         now = _solved(problem, wall_of, now.heading, scale)
         if number < ROUNDS - 1:
-            scale = float(np.clip(scale * SLACK * _spread(now.residuals[wall_of >= 0]), LEAST_SCALE, 1))
+            scale = float(
+                np.clip(scale * SLACK * _spread(now.residuals[wall_of >= 0]), LEAST_SCALE, 1)
+            )
         if number < ROUNDS - 1:
             alone = [
                 why or _misfit(one, problem, i, now, wall_of, number == ROUNDS - 2)
@@ -138,22 +143,24 @@ def _weights(residuals: Floats) -> Floats:
     return weights
 
 
-def _placed(problem: Problem, now: _Solved, alone: Sequence[str], scale: float) -> tuple[Placed, Ints]:
+def _placed(
+    problem: Problem, now: _Solved, alone: Sequence[str], scale: float
+) -> tuple[Placed, Ints]:
     """Return where the sightings of those who are not left alone lie, and their numbers."""
     middles, rows = problem.middles(now.nodes), np.arange(len(problem.kind))
     along = middles[rows, 1 - problem.normal]
-    every = (
-        problem.sighting_owner,
-        problem.kind,
-        middles[rows, problem.normal],
-        along + problem.low,
-        along + problem.high,
-        problem.at_sightings(now.variances),
-        (scale * problem.noise_sd) ** 2,
-    )
     asked = np.array([not why for why in alone], dtype=bool)
     chosen = np.flatnonzero(asked[problem.sighting_owner])
-    return Placed(*(column[chosen] for column in every)), chosen
+    placed = Placed(
+        problem.sighting_owner[chosen],
+        problem.kind[chosen],
+        middles[rows, problem.normal][chosen],
+        (along + problem.low)[chosen],
+        (along + problem.high)[chosen],
+        problem.at_sightings(now.variances)[chosen],
+        (scale * problem.noise_sd[chosen]) ** 2,
+    )
+    return placed, chosen
 
 
 def _misfit(

@@ -1,11 +1,11 @@
-"""What ``possmap refine`` finds out of a ledger's excursions: tracks, walls, and who was left alone.
+"""What ``possmap refine`` finds: tracks and walls, and who was left alone.
 
 Nothing here depends on the order in which excursions came.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,13 +15,11 @@ from possmap.core.records import PartialMap
 from possmap.core.refined import RefinedPose, RefinedTrack
 from possmap.core.settings import EvidenceSettings
 from possmap.refining.association import AMBIGUOUS
+from possmap.refining.cutting import cut
 from possmap.refining.fitting import DOUBTFUL, Fit, fit
 from possmap.refining.problem import Problem
-from possmap.refining.runs import Excursion, Floats, cut
+from possmap.refining.runs import Excursion, Floats
 from possmap.refining.walls import RefinedWall, Rival, rivals_of, walls_of
-
-MEMORY_PER_RECORD = 6000
-"""What refining takes [bytes], measured."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

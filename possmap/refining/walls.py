@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from possmap.refining.association import NONE
-from possmap.refining.fitting import Fit
+from possmap.refining.fitting import UNHEARD, Fit
 from possmap.refining.problem import Problem
 from possmap.refining.runs import Excursion, Floats, Ints
 
@@ -76,9 +77,8 @@ def walls_of(
 def rivals_of(excursions: Sequence[Excursion], problem: Problem, found: Fit) -> tuple[Rival, ...]:
     """Return faces, seen once or more, of which others saw only another; the farthest first."""
     placed = found.placed
-    single = np.flatnonzero(
-        (found.wall_of == NONE) & ~np.array([bool(w) for w in found.alone])[placed.excursion]
-    )
+    told = np.array([why not in UNHEARD for why in found.alone])
+    single = np.flatnonzero((found.wall_of == NONE) & told[placed.excursion])
     groups = [*_members(found.wall_of, len(found.walls)), *(np.array([i]) for i in single)]
     kinds = np.array([placed.kind[g[0]] for g in groups], dtype=np.int64)
     at = np.array([float(np.median(placed.coordinate[g])) for g in groups])
@@ -108,7 +108,7 @@ def _members(wall_of: Ints, count: int) -> list[Ints]:
     """Return the sightings of each wall."""
     order = np.argsort(wall_of, kind="stable")
     cuts = np.searchsorted(wall_of[order], np.arange(count + 1))
-    return [order[first:last] for first, last in zip(cuts[:-1], cuts[1:], strict=True)]
+    return [order[first:last] for first, last in pairwise(cuts.tolist())]
 
 
 def _line(one: Excursion, kind: int, at: float, low: float, high: float) -> Metres:

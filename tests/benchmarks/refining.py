@@ -15,8 +15,6 @@ median of its wall's sightings.
 from __future__ import annotations
 
 import argparse
-import json
-import resource
 import sys
 import tempfile
 import time
@@ -26,24 +24,21 @@ from pathlib import Path
 from statistics import mean
 
 import numpy as np
+from quality import PLANS, TUNED, WORLDS, World, drive, request
 
-sys.path.insert(0, str(Path(__file__).parent))
-
-from quality import PLANS, TUNED, WORLDS, World, drive, request  # noqa: E402
-
-from possmap.core.records import Pose  # noqa: E402
-from possmap.core.track import stretches  # noqa: E402
-from possmap.fusing.fuse import fuse  # noqa: E402
-from possmap.fusing.refine import refine  # noqa: E402
-from possmap.grid.grid import Grid  # noqa: E402
-from possmap.lab.evaluate.results import Evaluation  # noqa: E402
-from possmap.lab.evaluate.run import Question, evaluate  # noqa: E402
-from possmap.lab.evaluate.tracks import matched  # noqa: E402
-from possmap.refining.fitting import fit  # noqa: E402
-from possmap.refining.problem import Problem  # noqa: E402
-from possmap.refining.runs import cut  # noqa: E402
-from possmap.settings.limits import Limits  # noqa: E402
-from possmap.truth.truth import Truth, read_truth  # noqa: E402
+from possmap.core.records import Pose
+from possmap.core.track import stretches
+from possmap.fusing.fuse import fuse
+from possmap.fusing.refine import refine
+from possmap.grid.grid import Grid
+from possmap.lab.evaluate.results import Evaluation
+from possmap.lab.evaluate.run import Question, evaluate
+from possmap.lab.evaluate.tracks import matched
+from possmap.refining.cutting import cut
+from possmap.refining.fitting import fit
+from possmap.refining.problem import Problem
+from possmap.settings.limits import Limits
+from possmap.truth.truth import Truth, read_truth
 
 WRONG_M = 0.06
 
@@ -126,7 +121,9 @@ def broken_bins(found: Evaluation) -> Iterator[str]:
             yield f"{one.low:g}: {one.wall_local:.2f} < {one.mean:.2f} ({one.cells})"
 
 
-def judged(before: Path, after: Path, truth_file: Path, moved: float, seconds: float) -> dict[str, object]:
+def judged(
+    before: Path, after: Path, truth_file: Path, moved: float, seconds: float
+) -> dict[str, object]:
     """Return a row of the table."""
     truth = read_truth(truth_file, Limits())
     was, now = tracks_of(before, truth), tracks_of(after, truth)

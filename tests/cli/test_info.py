@@ -94,6 +94,7 @@ def test_json_tells_the_same(tmp_path: Path) -> None:
     assert found.pop("extent") == pytest.approx([-20.1, -0.3, 1.1, 0.3])
     assert found == {
         "grid": str(grid),
+        "refined": None,
         "resolution": 0.1,
         "rows": 6,
         "columns": 212,
