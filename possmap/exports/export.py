@@ -10,20 +10,24 @@ from types import MappingProxyType
 from typing import BinaryIO
 
 from possmap.atomic import leftovers, replacing_all
-from possmap.core.lattice import Window
 from possmap.errors import OutputError, did_you_mean, printable, shown
-from possmap.exports.cells import holds_evidence
-from possmap.exports.cells_csv import write_cells
-from possmap.exports.dxf import write_dxf
+from possmap.exports.arrays import write_cells, write_npz
+from possmap.exports.drawings import write_dxf, write_svg
 from possmap.exports.geojson import write_geojson
-from possmap.exports.job import Choices, Job
-from possmap.exports.npz import write_npz
+from possmap.exports.job import (
+    A_PART,
+    Choices,
+    Job,
+    Metres,
+    chosen_window,
+    nothing_in_window,
+    refuse_itself,
+)
 from possmap.exports.octomap import write_occupied, write_probabilities
 from possmap.exports.png import write_layer
 from possmap.exports.ros_map import image_beside, write_ros_map
-from possmap.exports.svg import write_svg
 from possmap.grid.copying import selected
-from possmap.grid.grid import MOST_CELLS, Grid
+from possmap.grid.grid import Grid
 from possmap.grid.selection import Selection
 
 
@@ -105,7 +109,7 @@ class ExportSummary:
 def export(
     path: Path,
     output: Path,
-    window_m: tuple[float, float, float, float] | None = None,
+    window_m: Metres | None = None,
     overwrite: bool = False,
     choices: Choices | None = None,
     selection: Selection | None = None,
@@ -125,17 +129,19 @@ def export(
     outputs = (output, *chosen.beside(output, choices))
     for one in outputs:
         refuse_itself(path, one)
-    with selected(path, selection) as shown_path, Grid(shown_path) as grid, grid.snapshot():
+    with selected(path, selection) as part, Grid(part) as grid, grid.snapshot():
+        grid.path = path  # in messages
         window = chosen_window(grid, window_m)
-        if not chosen.may_be_empty:
-            refuse_nothing(grid, window)
+        said = selection.title if selection else ""
+        job = Job(grid, window, window_m, outputs, choices, said)
+        if not chosen.may_be_empty and not any(job.known(area).any() for area in job.areas()):
+            raise nothing_in_window(grid, chosen_window(grid, None, most=None))
         if chosen.least and window_m is None:
-            refuse_emptiness(grid, window)
+            refuse_emptiness(job)
         least = 1.0 if any(one.suffix == ".pgm" for one in outputs) else chosen.least
         check_room(output, round(least * window.cells))
         with replacing_all(outputs, overwrite) as streams:
-            said = selection.title if selection else ""
-            chosen.write(Job(grid, window, window_m, outputs, choices, said), streams)
+            chosen.write(job, streams)
         left = tuple(leftover for one in outputs for leftover in leftovers(one))
         return ExportSummary(outputs, *window.shape, grid.origin(window), grid.resolution, left)
 
@@ -149,7 +155,7 @@ def check_room(output: Path, least: int) -> None:
     if 0 < free < least:  # some file systems tell nothing
         raise OutputError(
             f"{printable(str(output))}: takes {least / 1e6:,.0f} MB at least, and the disk has "
-            f"{free / 1e6:,.0f} MB left; take a part of it: --window X0,Y0,X1,Y1"
+            f"{free / 1e6:,.0f} MB left; {A_PART}"
         )
 
 
@@ -186,60 +192,12 @@ def strange_options(output: Path, names: Iterable[str]) -> list[tuple[str, list[
     ]
 
 
-def refuse_itself(grid: Path, output: Path) -> None:
-    """Raise OutputError if the output is the grid itself."""
-    try:
-        same = output.exists() and output.samefile(grid)
-    except OSError:
-        return  # writing it says why
-    if same:
-        raise OutputError(f"{printable(str(output))}: is the grid itself, expected another file")
-
-
-def refuse_nothing(grid: Grid, window: Window) -> None:
-    """Raise OutputError if no cell of a window holds evidence."""
-    everything = chosen_window(grid, None, most=None)
-    if holds_evidence(grid, window):
-        return
-    x0, y0 = grid.lattice.corner_of(everything.row0, everything.column0)
-    x1, y1 = grid.lattice.corner_of(everything.row1, everything.column1)
-    raise OutputError(
-        f"{printable(str(grid.path))}: nothing in the window; all evidence lies within "
-        f"{x0:.2f},{y0:.2f},{x1:.2f},{y1:.2f}"
-    )
-
-
-def refuse_emptiness(grid: Grid, window: Window) -> None:
+def refuse_emptiness(job: Job) -> None:
     """Raise OutputError if the box around all evidence is large, and next to nothing is in it."""
-    held = sum(area.cells for area in grid.tiles.areas(window))
-    if window.cells > MOST_EMPTY and held < window.cells * LEAST_FILLED:
-        rows, columns = window.shape
+    cells, (rows, columns) = job.window.cells, job.window.shape
+    held = sum(area.cells for area in job.areas())
+    if cells > MOST_EMPTY and held < cells * LEAST_FILLED:
         raise OutputError(
-            f"{printable(str(grid.path))}: {rows} × {columns} cells, of which tiles with evidence "
-            f"hold {held / window.cells:.1%}; take a part of it, or all: --window X0,Y0,X1,Y1"
+            f"{job.name}: {rows} × {columns} cells, of which tiles with evidence hold "
+            f"{held / cells:.1%}; take a part of it, or all: --window X0,Y0,X1,Y1"
         )
-
-
-def chosen_window(
-    grid: Grid,
-    window_m: tuple[float, float, float, float] | None,
-    most: int | None = MOST_CELLS,
-) -> Window:
-    """Return the window asked for, or the smallest that holds all evidence.
-
-    Raises
-    ------
-    OutputError
-        If there is no evidence, or the window has more than ``most`` cells.
-    """
-    name = printable(str(grid.path))
-    window = grid.window if window_m is None else grid.lattice.window_of(*window_m)
-    if window is None:
-        raise OutputError(f"{name}: holds no evidence, so there is nothing to show")
-    if most is not None and window.cells > most:
-        rows, columns = window.shape
-        raise OutputError(
-            f"{name}: {rows} × {columns} cells, expected at most 10⁹; "
-            "take a part of it: --window X0,Y0,X1,Y1"
-        )
-    return window

@@ -7,20 +7,11 @@ from collections.abc import Iterator, Sequence
 from typing import Any, BinaryIO
 
 from possmap.core.evidence import Geometry
-from possmap.exports.features import (
-    Outing,
-    Point,
-    metres,
-    outings,
-    outline_of_evidence,
-    outline_of_free,
-    outline_of_walls,
-    swept,
-)
-from possmap.exports.job import Job, tidy
-from possmap.exports.outline import Polygon
+from possmap.exports.job import Job, Outing, tidy
+from possmap.exports.outline import Polygon, metres, outlines
 
 Feature = dict[str, Any]
+Point = tuple[float, float]
 
 CRS = {"type": "name", "properties": {"name": 'LOCAL_CS["possmap site",UNIT["metre",1]]'}}
 """Metres that lie nowhere on Earth. Without it, or with null, GDAL takes them for degrees."""
@@ -38,16 +29,14 @@ def write_geojson(job: Job, streams: Sequence[BinaryIO]) -> None:
         If the outline is too long for memory.
     """
     out = streams[0]
-    outlines = [
-        ("outline", outline_of_evidence(job)),
-        ("occupied", outline_of_walls(job)),
-        ("free", outline_of_free(job)),
+    kinds = ("outline", job.known), ("occupied", job.occupied), ("free", job.free)
+    areas = [
+        _areas(job, kind, shapes) for kind, marked in kinds if (shapes := outlines(job, marked))
     ]
-    areas = [_areas(job, kind, shapes) for kind, shapes in outlines if shapes]
     head = {"type": "FeatureCollection", "crs": CRS, "possmap": dict(job.facts())}
     out.write(json.dumps(head)[:-1].encode() + b', "features": [\n')
     out.write(b",\n".join(map(_line, areas)))
-    for outing in outings(job):
+    for outing in job.outings():
         for feature in _features(outing):
             out.write(b",\n" + _line(feature))
     out.write(b"\n]}\n")
@@ -134,3 +123,33 @@ def _line_of(points: list[Point]) -> Feature:
 
 def _feature(geometry: Feature, properties: Feature) -> Feature:
     return {"type": "Feature", "properties": properties, "geometry": geometry}
+
+
+def swept(at: Geometry) -> list[Point]:
+    """Return all places where a segment may lie, as a ring, anticlockwise and not closed [m].
+
+    Its error rectangle changes linearly from end to end, so this is the convex hull of the two.
+    """
+    corners = [
+        (x + sign_x * rect.half_x, y + sign_y * rect.half_y)
+        for x, y, rect in ((at.x, at.y, at.rect), (at.x2, at.y2, at.rect2))
+        for sign_x in (-1, 1)
+        for sign_y in (-1, 1)
+    ]
+    points = sorted(set(corners))
+    if len(points) < 3:
+        return points
+    return _chain(points) + _chain(points[::-1])
+
+
+def _chain(points: list[Point]) -> list[Point]:
+    """Return the lower half of a convex hull, without its last point (Andrew's monotone chain)."""
+    chain: list[Point] = []
+    for x, y in points:
+        while len(chain) > 1:
+            (x0, y0), (x1, y1) = chain[-2:]
+            if (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0) > 0:
+                break
+            chain.pop()
+        chain.append((x, y))
+    return chain[:-1]

@@ -1,24 +1,35 @@
-"""What one export is asked to write, and what every export says of itself."""
+"""One export: what is to be written, the cells and records that it is of, and what it says."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
-from possmap.core.lattice import Window
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from possmap.core.evidence import Geometry
+from possmap.core.lattice import TILE, Window
+from possmap.core.records import Corner, Pose, Wall
 from possmap.core.views import VIEWS
 from possmap.errors import OutputError, printable, shown
-from possmap.grid.grid import Grid
+from possmap.grid.grid import MOST_CELLS, Grid
 from possmap.release import version
 
 FRAME = "site: x right, y up, in metres; no geographic reference"
 MODES = ("trinary", "scale", "raw")
 LAYERS = (*(view for view in VIEWS if view != "pignistic_logit"), "points")
 
-Metres = tuple[float, float, float, float]
+A_PART = "take a part of it: --window X0,Y0,X1,Y1"
+
+MOST = 1 << 22
+"""Cells of a band, at most: small numbers for them fit in memory beside floats for a few tiles."""
+
+Marks: TypeAlias = NDArray[np.bool_]
+Metres: TypeAlias = tuple[float, float, float, float]
 """A rectangle: x0, y0, x1, y1."""
 
 
@@ -81,12 +92,12 @@ class Job:
         x, y = self.grid.origin(self.window)
         return tidy(x), tidy(y)
 
-    def facts(self) -> Mapping[str, str]:
+    def facts(self, cells_are: str = "") -> Mapping[str, str]:
         """Return what a file says of itself: ASCII, one line each."""
         x, y = self.origin
         making = self.grid.ledger.tracks.making()
         rows, columns = self.window.shape
-        return {
+        found = {
             "possmap": version(),
             "digest": self.grid.digest(),
             **(
@@ -98,16 +109,154 @@ class Job:
             "frame": FRAME,
             "origin": f"{x!r}, {y!r} m, the lower left corner of the first cell",
             "cells": f"{rows} rows x {columns} columns",
-            **({"excursions": ascii(self.selection)[1:-1]} if self.selection else {}),
+            "excursions": ascii(self.selection)[1:-1],
+            "cells are": cells_are,
         }
+        return {key: fact for key, fact in found.items() if fact}
 
-    def thresholds(self) -> str:
+    def comments(self, cells_are: str = "") -> str:
+        """Return the facts as lines of comment."""
+        return "".join(f"# {key}: {fact}\n" for key, fact in self.facts(cells_are).items())
+
+    def thresholds(self, otherwise: str = "unknown") -> str:
         """Return in words which cells count as occupied, and which as free."""
         occupied, free = self.choices.occupied, self.choices.free
         return (
             f"occupied where belief >= {occupied:g}, "
-            f"else free where plausibility <= {free:g}, else unknown"
+            f"else free where plausibility <= {free:g}, else {otherwise}"
         )
+
+    def areas(self) -> Iterator[Window]:
+        """Yield the parts of the window whose tiles hold anything, a few tiles at a time."""
+        return self.grid.tiles.areas(self.window)
+
+    def filled(
+        self,
+        band: Window,
+        value: Callable[[Window], NDArray[Any]],
+        ignorance: float,
+        dtype: DTypeLike,
+    ) -> NDArray[Any]:
+        """Return an array of a band: ``value`` where tiles hold anything, else ``ignorance``."""
+        found = np.full(band.shape, ignorance, dtype=dtype)
+        for area in self.grid.tiles.areas(band):
+            found[area.slices_in(band)] = value(area)
+        return found
+
+    def known(self, area: Window) -> Marks:
+        """Return which cells of an area hold evidence of any kind."""
+        grid = self.grid
+        return (grid.necessity(area) > 0) | (grid.possibility(area) < 1) | (grid.points(area) > 0)
+
+    def occupied(self, area: Window) -> Marks:
+        """Return which cells of an area are occupied by the threshold."""
+        return self.grid.view("belief", area) >= self.choices.occupied
+
+    def free(self, area: Window) -> Marks:
+        """Return which cells of an area are free by the thresholds: not if they are occupied.
+
+        A cell that reaches both counts as occupied: the safe side for a robot that plans by the
+        map.
+        """
+        likely = self.grid.view("plausibility", area) <= self.choices.free
+        return likely & ~self.occupied(area)
+
+    def outings(self) -> Iterator[Outing]:
+        """Yield the excursions one by one, in the order in which they were first fused.
+
+        With a window asked for, only what reaches into it: walls and corners one by one, a track
+        whole.
+        """
+        ledger = self.grid.ledger
+        for entry in ledger.entries():
+            records, found = ledger.version(entry).records, Outing(entry.robot, entry.excursion)
+            for number, at in ledger.geometry(entry).items():
+                record = records[number]
+                if isinstance(record, Pose):
+                    found.poses.append((record, at))
+                elif isinstance(record, Wall) and self._reaches([at]):
+                    found.walls.append((record, at))
+                elif isinstance(record, Corner) and self._reaches([at]):
+                    found.corners.append((record, at))
+            if not self._reaches([at for _, at in found.poses]):
+                found.poses.clear()
+            yield found
+
+    def _reaches(self, places: Sequence[Geometry]) -> bool:
+        """Whether the smallest box around places meets the rectangle asked for, if there is one."""
+        if self.window_m is None or not places:
+            return self.window_m is None
+        x0, y0, x1, y1 = self.window_m
+        xs = [x for at in places for x in (at.x, at.x2)]
+        ys = [y for at in places for y in (at.y, at.y2)]
+        return min(xs) <= x1 and x0 <= max(xs) and min(ys) <= y1 and y0 <= max(ys)
+
+
+@dataclass(frozen=True, slots=True)
+class Outing:
+    """One excursion's records that lie on the map, each with its place."""
+
+    robot: str
+    excursion: str
+    poses: list[tuple[Pose, Geometry]] = field(default_factory=list)
+    walls: list[tuple[Wall, Geometry]] = field(default_factory=list)
+    corners: list[tuple[Corner, Geometry]] = field(default_factory=list)
+
+
+def bands(window: Window, from_top: bool = False, most: int = MOST) -> Iterator[Window]:
+    """Cut a window into bands from its lowest row up, or from its highest down.
+
+    A band lies within one row of tiles: unless the window is very wide, each tile is read once.
+    Bands are as wide as the window, unless one row has more than ``most`` cells: then pieces of it
+    follow each other.
+    """
+    columns = max(1, window.shape[1])
+    height = TILE
+    while height > 1 and height * columns > most:
+        height //= 2  # so a border of tiles stays a border of bands
+    starts = range(window.row0 // height, -(-window.row1 // height))
+    for start in reversed(starts) if from_top else starts:
+        row0, row1 = max(window.row0, start * height), min(window.row1, (start + 1) * height)
+        for column in range(window.column0, window.column1, most):
+            yield Window(row0, row1, column, min(column + most, window.column1))
+
+
+def chosen_window(grid: Grid, window_m: Metres | None, most: int | None = MOST_CELLS) -> Window:
+    """Return the window asked for, or the smallest that holds all evidence.
+
+    Raises
+    ------
+    OutputError
+        If there is no evidence, or the window has more than ``most`` cells.
+    """
+    name = printable(str(grid.path))
+    window = grid.window if window_m is None else grid.lattice.window_of(*window_m)
+    if window is None:
+        raise OutputError(f"{name}: holds no evidence, so there is nothing to show")
+    if most is not None and window.cells > most:
+        rows, columns = window.shape
+        raise OutputError(f"{name}: {rows} × {columns} cells, expected at most 10⁹; {A_PART}")
+    return window
+
+
+def nothing_in_window(grid: Grid, everything: Window) -> OutputError:
+    """Return the error that says where there is something instead."""
+    x0, y0 = grid.lattice.corner_of(everything.row0, everything.column0)
+    x1, y1 = grid.lattice.corner_of(everything.row1, everything.column1)
+    return OutputError(
+        f"{printable(str(grid.path))}: nothing in the window; all evidence lies within "
+        f"{x0:.2f},{y0:.2f},{x1:.2f},{y1:.2f}"
+    )
+
+
+def refuse_itself(grid: Path, output: Path) -> None:
+    """Raise OutputError if the output is the grid itself."""
+    try:
+        same = output.exists() and output.samefile(grid)
+    except OSError:
+        return  # writing it says why
+    if same:
+        raise OutputError(f"{printable(str(output))}: is the grid itself, expected another file")
 
 
 def tidy(metres: float) -> float:

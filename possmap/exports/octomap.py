@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from possmap.core.lattice import Window
 from possmap.core.views import EDGE
 from possmap.errors import OutputError
-from possmap.exports.cells import known
-from possmap.exports.job import Job, library
+from possmap.exports.job import A_PART, Job, library
 
 REACH = 2**15
 """Voxels from the origin to either side: the tree has 16 levels."""
@@ -28,10 +27,9 @@ def write_occupied(job: Job, streams: Sequence[BinaryIO]) -> None:
     OutputError
         If pyoctomap is not installed, the tree has no room for the window, or no cell is either.
     """
-    choices, tree, taken = job.choices, _tree(job), 0
-    for area in job.grid.tiles.areas(job.window):
-        occupied = job.grid.view("belief", area) >= choices.occupied
-        free = ~occupied & (job.grid.view("plausibility", area) <= choices.free)
+    tree, taken = _tree(job), 0
+    for area in job.areas():
+        occupied, free = job.occupied(area), job.free(area)
         taken = _counted(job, taken, occupied | free)
         for marked, is_occupied in ((occupied, True), (free, False)):
             tree.updateNodes(_centres(job, area, marked), is_occupied, True)
@@ -52,8 +50,8 @@ def write_probabilities(job: Job, streams: Sequence[BinaryIO]) -> None:
     base_rate, tree, taken = job.choices.base_rate, _tree(job), 0
     tree.setClampingThresMin(EDGE)
     tree.setClampingThresMax(1 - EDGE)
-    for area in job.grid.tiles.areas(job.window):
-        some = known(job.grid, area)
+    for area in job.areas():
+        some = job.known(area)
         taken = _counted(job, taken, some)
         places = _centres(job, area, some)
         likely = np.clip(job.grid.view("probability", area, base_rate)[some], EDGE, 1 - EDGE)
@@ -74,8 +72,7 @@ def _tree(job: Job) -> Any:
     far = max(-window.row0, window.row1, -window.column0, window.column1)
     if far > REACH:
         raise OutputError(
-            f"{job.name}: {far} cells from (0, 0), expected at most {REACH} in an OctoMap; "
-            "take a part of it: --window X0,Y0,X1,Y1"
+            f"{job.name}: {far} cells from (0, 0), expected at most {REACH} in an OctoMap; {A_PART}"
         )
     return pyoctomap.OcTree(job.grid.resolution)
 
@@ -83,10 +80,7 @@ def _tree(job: Job) -> Any:
 def _counted(job: Job, taken: int, marked: NDArray[np.bool_]) -> int:
     taken += int(np.count_nonzero(marked))
     if taken > MOST_VOXELS:
-        raise OutputError(
-            f"{job.name}: more than {MOST_VOXELS:,} voxels, expected fewer; "
-            "take a part of it: --window X0,Y0,X1,Y1"
-        )
+        raise OutputError(f"{job.name}: more than {MOST_VOXELS:,} voxels, expected fewer; {A_PART}")
     return taken
 
 
@@ -103,6 +97,4 @@ def _write(job: Job, data: bytes | bool, stream: BinaryIO, said: str) -> None:
     if not isinstance(data, bytes):
         raise OutputError(f"{job.name}: pyoctomap could not write the tree")
     first, _, rest = data.partition(b"\n")
-    facts = {**job.facts(), "cells are": said}
-    comments = "".join(f"# {key}: {fact}\n" for key, fact in facts.items())
-    stream.write(first + b"\n" + comments.encode() + rest)
+    stream.write(first + b"\n" + job.comments(said).encode() + rest)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
@@ -10,21 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from possmap.core.lattice import Window
+from possmap.errors import OutputError
+from possmap.exports.job import A_PART, Job, Marks, tidy
 
 MOST_SIDES = 3_000_000
 """Sides of cells along outlines; more are not kept in memory."""
 
-Marks: TypeAlias = NDArray[np.bool_]
 Ring: TypeAlias = list[tuple[int, int]]
 """Columns and rows of the corners, not closed: x and y in cells from the origin's corner."""
 
 _Ints: TypeAlias = NDArray[np.int64]
 _BITS = 31
 """Of a column or row, counted from the origin, in a key that holds both."""
-
-
-class TooManySidesError(Exception):
-    """An outline longer than may be held in memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +54,28 @@ class _Borders(NamedTuple):
         return np.where(self.forward, self.high, self.low)
 
 
+def outlines(job: Job, marked: Callable[[Window], Marks]) -> list[Polygon]:
+    """Return the outlines of marked cells, from the window's corner.
+
+    Raises
+    ------
+    OutputError
+        If they are too long for memory.
+    """
+    try:
+        return polygons(job.window, ((area, marked(area)) for area in job.areas()))
+    except OverflowError as error:
+        raise OutputError(f"{job.name}: {error}, expected fewer; {A_PART}") from None
+
+
+def metres(job: Job, ring: Ring, local: bool = False) -> list[tuple[float, float]]:
+    """Return a ring's corners in the site frame, or ``local``: from the window's corner [m]."""
+    row0, column0 = (0, 0) if local else (job.window.row0, job.window.column0)
+    lattice = job.grid.lattice  # to ask the grid reads its settings
+    corners = [lattice.corner_of(row + row0, column + column0) for column, row in ring]
+    return [(tidy(x), tidy(y)) for x, y in corners]
+
+
 def polygons(origin: Window, pieces: Iterable[tuple[Window, Marks]]) -> list[Polygon]:
     """Return the outlines of marked cells, from the lowest; so rings begin at a lowest corner.
 
@@ -71,7 +90,7 @@ def polygons(origin: Window, pieces: Iterable[tuple[Window, Marks]]) -> list[Pol
 
     Raises
     ------
-    TooManySidesError
+    OverflowError
         If they have more than MOST_SIDES sides.
     """
     across, upright = _borders(origin, pieces)
@@ -103,7 +122,7 @@ def _borders(origin: Window, pieces: Iterable[tuple[Window, Marks]]) -> tuple[_B
         keys[1].append(_keys(column + column0, row + row0, step[row, column] < 0))
         sides += keys[0][-1].size + keys[1][-1].size
         if sides > MOST_SIDES:
-            raise TooManySidesError
+            raise OverflowError(f"outlines of more than {MOST_SIDES:,} sides of cells")
     across, upright = (_joined(np.concatenate([np.empty(0, np.int64), *some])) for some in keys)
     return across, upright
 

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from possmap.core.lattice import Window
 from possmap.core.views import NOTHING, VIEWS, CellArray
-from possmap.exports.cells import bands, filled
-from possmap.exports.job import Job, tidy
+from possmap.exports.job import Job, bands, tidy
 
 GRAY_16 = (16, 0)
 RGBA_8 = (8, 6)
@@ -110,7 +109,7 @@ def _pixels(job: Job) -> Iterator[tuple[bool, NDArray[Any]]]:
 
     unknown = np.zeros(1) if layer == "points" else VIEWS[layer](NOTHING, base_rate)
     for band in bands(job.window, from_top=True):
-        pixels = filled(job.grid, band, value, int(_sixteen_bits(unknown)[0]), np.uint16)
+        pixels = job.filled(band, value, int(_sixteen_bits(unknown)[0]), np.uint16)
         yield band.column0 == job.window.column0, pixels[::-1]
 
 

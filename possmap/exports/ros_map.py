@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -12,8 +13,7 @@ from numpy.typing import NDArray
 
 from possmap.core.lattice import Window
 from possmap.errors import OutputError, printable
-from possmap.exports.cells import bands, filled, known
-from possmap.exports.job import Choices, Job
+from possmap.exports.job import Choices, Job, bands
 from possmap.exports.png import RGBA_8, text_chunks, write_rows
 
 UNKNOWN = -1
@@ -55,8 +55,7 @@ def write_ros_map(job: Job, streams: Sequence[BinaryIO]) -> None:
     if job.choices.mode == "scale":
         write_rows(image, (columns, rows), RGBA_8, text_chunks(job), _pixels(job))
         return
-    comments = "".join(f"# {key}: {fact}\n" for key, fact in job.facts().items())
-    image.write(f"P5\n{comments}{columns} {rows}\n255\n".encode())
+    image.write(f"P5\n{job.comments()}{columns} {rows}\n255\n".encode())
     for _, pixels in _pixels(job):
         image.write(pixels.tobytes())
 
@@ -78,43 +77,31 @@ def _description(job: Job) -> str:
         "occupied_thresh": THRESHOLDS[mode].occupied,
         "free_thresh": THRESHOLDS[mode].free,
     }
-    said = {**job.facts(), "cells are": job.thresholds()}
+    otherwise = "unknown"
     if mode != "trinary":
-        said["cells are"] = said["cells are"].replace(
-            "else unknown",
-            f"else 1 to 99 for the probability at base rate {job.choices.base_rate:g}; "
-            "unknown without evidence",
+        otherwise = (
+            f"1 to 99 for the probability at base rate {job.choices.base_rate:g}; "
+            "unknown without evidence"
         )
-    comments = "".join(f"# {key}: {fact}\n" for key, fact in said.items())
-    return comments + yaml.safe_dump(keys, sort_keys=False, default_flow_style=None, width=10**9)
+    written = yaml.safe_dump(keys, sort_keys=False, default_flow_style=None, width=10**9)
+    return job.comments(job.thresholds(otherwise)) + written
 
 
 def _pixels(job: Job) -> Iterator[tuple[bool, NDArray[Any]]]:
     table = pixel_of(job.choices.mode)
-
-    def value(area: Window) -> NDArray[np.int8]:
-        return _percent(job, area)
-
     for band in bands(job.window, from_top=True):
-        percent = filled(job.grid, band, value, UNKNOWN, np.int8)[::-1]
+        percent = job.filled(band, partial(_percent, job), UNKNOWN, np.int8)[::-1]
         yield band.column0 == job.window.column0, table[percent + 1]
 
 
 def _percent(job: Job, area: Window) -> NDArray[np.int8]:
-    """Return what map_server is to publish: 0 free … 100 occupied, -1 unknown.
-
-    A cell that reaches both thresholds counts as occupied: the safe side for a robot that plans
-    by the map.
-    """
-    grid, choices = job.grid, job.choices
-    occupied = grid.view("belief", area) >= choices.occupied
-    free = grid.view("plausibility", area) <= choices.free
+    """Return what map_server is to publish: 0 free … 100 occupied, -1 unknown."""
+    choices, occupied, free = job.choices, job.occupied(area), job.free(area)
     found = np.where(occupied, np.int8(100), np.where(free, np.int8(0), np.int8(UNKNOWN)))
-    if choices.mode == "trinary":
-        return found
-    between = ~occupied & ~free & known(grid, area)
-    likely = grid.view("probability", area, choices.base_rate)[between]
-    found[between] = np.clip(np.rint(100 * likely), 1, 99).astype(np.int8)
+    if choices.mode != "trinary":
+        between = ~occupied & ~free & job.known(area)
+        likely = job.grid.view("probability", area, choices.base_rate)[between]
+        found[between] = np.clip(np.rint(100 * likely), 1, 99).astype(np.int8)
     return found
 
 

@@ -7,6 +7,9 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 
+import numpy as np
+from numpy.typing import NDArray
+
 from possmap.core.evidence import Geometry
 from possmap.core.lattice import TileKey
 from possmap.core.model import ErrorModel
@@ -15,10 +18,12 @@ from possmap.core.records import PartialMap
 from possmap.core.walls import Observations
 from possmap.errors import brief
 from possmap.grid.arrivals import Arrivals
-from possmap.grid.database import Database
+from possmap.grid.database import Database, Row
 from possmap.grid.forgotten import ForgottenList
 from possmap.grid.refined import RefinedTracks
 from possmap.grid.rows import GEOMETRY, RECORD_COLUMNS, ExcursionRows, record_of_row
+
+_PLACE = "excursion, number, map_x, map_y, half_x, half_y"
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,34 +139,51 @@ class Ledger:
 
     def geometry(self, entry: Entry) -> dict[int, Geometry]:
         """Return where an excursion's records lie on the map, by number."""
-        return dict(self._geometry(entry))
-
-    def _geometry(
-        self, entry: Entry, where: str = "", values: Sequence[object] = ()
-    ) -> Iterator[tuple[int, Geometry]]:
-        sql = (
-            f"SELECT number, {', '.join(GEOMETRY)} FROM record"
-            f" WHERE excursion = ?{where} AND map_x IS NOT NULL ORDER BY excursion, number"
-        )
+        found = {}
         for number, x, y, half_x, half_y, x2, y2, half_x2, half_y2, heading in self._database.all(
-            sql, (entry.identity, *values)
+            f"SELECT number, {', '.join(GEOMETRY)} FROM record"
+            " WHERE excursion = ? AND map_x IS NOT NULL ORDER BY number",
+            (entry.identity,),
         ):
             rect, rect2 = ErrorRectangle(half_x, half_y), ErrorRectangle(half_x2, half_y2)
-            yield number, Geometry(x, y, rect, x2, y2, rect2, heading)
+            found[number] = Geometry(x, y, rect, x2, y2, rect2, heading)
+        return found
 
     def places(
         self, kind: str, window_m: tuple[float, float, float, float] | None = None
-    ) -> Iterator[tuple[Entry, int, Geometry]]:
-        """Yield where the records of one kind lie on the map, excursion by excursion.
+    ) -> NDArray[np.float64]:
+        """Return where the records of one kind lie on the map, excursion by excursion.
 
         window_m : only those within x0, y0, x1, y1 [m].
+
+        Returns
+        -------
+        NDArray
+            Rows of excursion, number, x, y and half-widths along x and y [m].
         """
         within = "" if window_m is None else " AND map_x BETWEEN ? AND ? AND map_y BETWEEN ? AND ?"
         x0, y0, x1, y1 = window_m or (0, 0, 0, 0)
         values = (kind,) if window_m is None else (kind, x0, x1, y0, y1)
-        for entry in self.entries():
-            for number, geometry in self._geometry(entry, f" AND kind = ?{within}", values):
-                yield entry, number, geometry
+        return _places(
+            self._database.all(
+                f"SELECT {_PLACE} FROM record WHERE kind = ? AND map_x IS NOT NULL{within}"
+                " ORDER BY excursion, number",
+                values,
+            )
+        )
+
+    def first_poses(self, window_m: tuple[float, float, float, float]) -> NDArray[np.float64]:
+        """Return where excursions began within x0, y0, x1, y1 [m], in rows as of ``places``."""
+        x0, y0, x1, y1 = window_m
+        return _places(
+            self._database.all(
+                f"SELECT {_PLACE} FROM excursion JOIN record ON record.excursion = excursion.id"
+                " AND number = (SELECT number FROM record WHERE excursion = excursion.id"
+                " AND kind = 'pose' AND map_x IS NOT NULL ORDER BY number LIMIT 1)"
+                " WHERE map_x BETWEEN ? AND ? AND map_y BETWEEN ? AND ? ORDER BY excursion",
+                (x0, x1, y0, y1),
+            )
+        )
 
     def numbers_in(self, key: TileKey, entry: Entry) -> set[int]:
         """Return the numbers of an excursion's records that touch a tile."""
@@ -234,3 +256,7 @@ class Ledger:
         self.came.drop(entry.name, self.came.of(entry.name))
         self.strike(entry, keys)
         self._database.execute("DELETE FROM excursion WHERE id = ?", (entry.identity,))
+
+
+def _places(rows: list[Row]) -> NDArray[np.float64]:
+    return np.array(rows, dtype=np.float64).reshape(-1, 6)

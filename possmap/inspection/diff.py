@@ -10,12 +10,12 @@ from pathlib import Path
 from possmap.atomic import check_output, replacing
 from possmap.core.lattice import Window
 from possmap.errors import OutputError, SettingsError, printable, shown
-from possmap.exports.export import refuse_itself
+from possmap.exports.job import refuse_itself
 from possmap.grid.grid import Grid
 from possmap.grid.ledger import Entry
 from possmap.inspection.changes import Change, ChangedCells, Largest, changes, pairs
 from possmap.inspection.difference_picture import Canvas, raster_for
-from possmap.pictures.png import write_png
+from possmap.pictures.palettes import write_png
 from possmap.progress import Progress, quiet
 from possmap.release import version
 from possmap.settings.setting_table import Value

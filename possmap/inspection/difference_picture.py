@@ -16,11 +16,9 @@ from possmap.core.lattice import Window
 from possmap.inspection.changes import CellPair, Change, Changes
 from possmap.pictures import palettes
 from possmap.pictures.frame import Panel, framed
-from possmap.pictures.layers import Indices
-from possmap.pictures.legend import ColourBar, Entry, Group, Key
+from possmap.pictures.legend import ColourBar, Entry, Group, Key, box, circled
 from possmap.pictures.overlays import Place
-from possmap.pictures.palettes import Table
-from possmap.pictures.png import palette_image
+from possmap.pictures.palettes import Indices, Table, image_of
 from possmap.pictures.raster import Raster, furnished_raster
 from possmap.pictures.text import font
 
@@ -85,7 +83,7 @@ class Canvas:
         panels = []
         for number, quantity in enumerate(PANELS):
             index = self.indices(number)
-            picture = palette_image(index, table(), self.raster.scale).convert("RGB")
+            picture = image_of(index, self.raster.scale, table()).convert("RGB")
             marks = [
                 (place, (one.x, one.y))
                 for place, one in enumerate(largest, 1)
@@ -96,11 +94,11 @@ class Canvas:
         scale = table()[:_UNKNOWN]
         ends = ("-1", "+1")
         entries = [
-            Entry("box", palettes.PAPER, "known, no change"),
-            Entry("box", palettes.UNKNOWN, "unknown in both"),
+            Entry(box(palettes.PAPER), "known, no change"),
+            Entry(box(palettes.UNKNOWN), "unknown in both"),
         ]
         if any(one.quantity in PANELS for one in largest):
-            entries.append(Entry("ring", palettes.INK, "largest changes, as listed"))
+            entries.append(Entry(circled("1"), "largest changes, as listed"))
         keys: list[Key] = [
             ColourBar("belief: B - A", scale, ends, ("less wall", "more wall")),
             ColourBar("plausibility: B - A", scale, ends, ("denies more", "denies less")),

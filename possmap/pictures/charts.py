@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 from typing import Literal, TypeAlias
 
 from PIL import Image, ImageDraw
 
-from possmap.pictures import axes, palettes
+from possmap.pictures import frame, palettes
+from possmap.pictures.legend import Entry, in_rows
 from possmap.pictures.palettes import Colour
-from possmap.pictures.text import LINE, NORMAL, SMALL, fitted, width, write
+from possmap.pictures.text import LINE, NORMAL, SMALL, fitted, write
 
 Mark: TypeAlias = Literal["disc", "square", "triangle", "cross", "none"]
 Point: TypeAlias = tuple[float, float]
@@ -45,9 +47,9 @@ class Axis:
         if self.log:
             first, last = math.ceil(math.log10(self.low)), math.floor(math.log10(self.high))
             return [(10.0**k, f"{10.0**k:g}") for k in range(first, last + 1)]
-        step = axes.round_step((self.high - self.low) / 5)
-        values = axes.multiples(step, self.low, self.high)
-        return [(value, axes.label(value, step)) for value in values]
+        step = frame.round_step((self.high - self.low) / 5)
+        values = frame.multiples(step, self.low, self.high)
+        return [(value, frame.label(value, step)) for value in values]
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,7 @@ class Chart:
         if self.claims:
             at = area[2] - 8, area[3] - 8
             write(draw, at, self.claims, SMALL, palettes.FAINT, "rs")
-        self._legend(draw, area, size)
+        self._legend(draw, area[3] + _BELOW - 4, size[0])
         return sheet
 
     def _axes(self, draw: ImageDraw.ImageDraw, area: tuple[int, int, int, int]) -> None:
@@ -151,27 +153,26 @@ class Chart:
                 sheet.alpha_composite(dots)
         return sheet.resize((wide, high), Image.Resampling.BOX)
 
-    def _legend(
-        self, draw: ImageDraw.ImageDraw, area: tuple[int, int, int, int], size: tuple[int, int]
-    ) -> None:
-        entries = [(one.name, one) for one in self.series if one.name and one.points]
-        named: list[tuple[str, Series | None]] = [*entries]
+    def _legend(self, draw: ImageDraw.ImageDraw, y: int, wide: int) -> None:
+        entries = [
+            Entry(partial(_sign, series), series.name, SMALL, _SIGN)
+            for series in self.series
+            if series.name and series.points
+        ]
         if self.diagonal:
-            named.append((self.diagonal, None))
-        x, y = _LEFT, area[3] + _BELOW + LINE // 2 - 4
-        for text, series in named:
-            needed = _SIGN + width(text, SMALL) + 16
-            if x > _LEFT and x + needed > size[0]:
-                x, y = _LEFT, y + LINE
-            ends = [(float(x), float(y)), (float(x + 22), float(y))]
-            if series is None:
-                _line(draw, ends, palettes.FAINT, 1 / _FINE, 2)
-            else:
-                if series.line:
-                    _line(draw, ends, series.colour, 2 / _FINE, series.dash // _FINE)
-                _mark(draw, (x + 11.0, float(y)), series.mark, 4.0, series.colour)
-            write(draw, (x + _SIGN, y), text, SMALL, palettes.INK, "lm")
-            x += needed
+            diagonal = Series("", (), palettes.FAINT, "none", dash=4)
+            entries.append(Entry(partial(_sign, diagonal), self.diagonal, SMALL, _SIGN))
+        places, _ = in_rows([entry.size for entry in entries], wide - _LEFT - 16, (16, 0))
+        for entry, (dx, dy) in zip(entries, places, strict=True):
+            entry.draw(draw, _LEFT + dx, y + dy)
+
+
+def _sign(series: Series, draw: ImageDraw.ImageDraw, x: int, y: int) -> None:
+    """Draw a series as it looks, for the legend."""
+    if series.line:
+        thick = 1 if series.colour == palettes.FAINT else 2
+        _line(draw, [(x, y), (x + 22, y)], series.colour, thick / _FINE, series.dash // _FINE)
+    _mark(draw, (x + 11.0, y), series.mark, 4.0, series.colour)
 
 
 def _line(
@@ -191,16 +192,14 @@ def _line(
             phase = (gone + at) % period
             step = min((period / 2 if phase < period / 2 else period) - phase + 1e-9, length - at)
             if phase < period / 2:
-                cut = [
-                    (
-                        start[0] + share * (end[0] - start[0]),
-                        start[1] + share * (end[1] - start[1]),
-                    )
-                    for share in (at / length, (at + step) / length)
-                ]
+                cut = [_between(start, end, place / length) for place in (at, at + step)]
                 draw.line(cut, (*colour, 255), broad)
             at += step
         gone += length
+
+
+def _between(start: Point, end: Point, share: float) -> Point:
+    return start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1])
 
 
 def _mark(

@@ -12,20 +12,22 @@ from PIL.PngImagePlugin import PngInfo
 
 from possmap.atomic import replacing
 from possmap.core.evidence import Findings
-from possmap.errors import OutputError, plural, printable, shown
-from possmap.exports.export import refuse_itself
+from possmap.core.lattice import TileKey, tile_window
+from possmap.errors import OutputError, plural
 from possmap.grid.arrivals import with_news
 from possmap.grid.grid import Grid
 from possmap.grid.ledger import Entry
 from possmap.grid.replay import replay
 from possmap.pictures import compose
+from possmap.pictures.layers import COVERAGE, MAP
 from possmap.pictures.raster import Raster
 from possmap.pictures.render import (
     Look,
     RenderSummary,
-    entries_of,
+    check_suffix,
+    marks_of,
     metadata,
-    overlays_of,
+    opened,
     picture,
     raster_of,
     scene_of,
@@ -75,33 +77,28 @@ def animate(
     OutputError
         For a suffix that is no film's, coverage, no evidence, or too large a picture.
     """
-    suffix = output.suffix.lower()
-    if suffix not in FORMATS:
-        raise OutputError(
-            f"{printable(str(output))}: unknown suffix {shown(output.suffix)}, "
-            f"expected one of {', '.join(FORMATS)}"
-        )
-    if compose.COVERAGE in look.layers:
+    check_suffix(output, FORMATS, f"one of {', '.join(FORMATS)}")
+    if COVERAGE in look.layers:
         raise OutputError("coverage cannot be animated yet; any other layer can")
     look = look if look.max_size or look.scale else replace(look, max_size=720)
-    refuse_itself(path, output)
-    with Grid(path) as grid, grid.snapshot():
+    with opened(path, look, output) as grid:
         chosen = raster_of(grid, look)
-        steps = list(_steps(grid, look, by, min(frames or _DEFAULT_FRAMES, MOST_FRAMES)))
+        steps = list(_steps(grid, by, min(frames or _DEFAULT_FRAMES, MOST_FRAMES)))
         last = picture(grid, look, chosen).convert("RGB")
         with replacing(output, overwrite) as stream:
             drawn = _frames(grid, look, chosen, steps, progress)
-            count = _write(drawn, last, stream, suffix, frame_ms, metadata(grid, look, chosen))
+            suffix, text = output.suffix.lower(), metadata(grid, look, chosen)
+            count = _write(drawn, last, stream, suffix, frame_ms, text)
     return RenderSummary(output, *last.size, count)
 
 
-def _steps(grid: Grid, look: Look, by: By, most: int) -> Iterator[_Step]:
+def _steps(grid: Grid, by: By, most: int) -> Iterator[_Step]:
     """Yield the news of each frame, first what arrived first."""
-    entries = {entry.name: entry for entry in entries_of(grid, look)}
+    entries = {entry.name: entry for entry in grid.ledger.entries()}
     parts = []
     for arrival, first in with_news(grid.ledger.came.all()):
-        entry = entries.get(arrival.name)
-        if entry is not None and first is not None:
+        if first is not None:
+            entry = entries[arrival.name]
             carried = f", carried by {' '.join(arrival.carrier)}" if arrival.carrier else ""
             caption = f"{entry.robot} {entry.excursion}{carried}"
             parts.append((entry, first, arrival.records, caption))
@@ -125,34 +122,41 @@ def _steps(grid: Grid, look: Look, by: By, most: int) -> Iterator[_Step]:
 def _frames(
     grid: Grid, look: Look, chosen: Raster, steps: Sequence[_Step], progress: Progress
 ) -> Iterator[Image.Image]:
-    """Fuse step by step into memory, and draw after each."""
-    settings = grid.settings
-    entries = entries_of(grid, look)
-    scene, legend = scene_of(grid, look, chosen), overlays_of(grid, look, chosen, entries)
-    memory = TileMemory(printable(str(grid.path)), settings, chosen.window)
+    """Fuse step by step into memory, and draw after each what has changed."""
+    settings, memory = grid.settings, TileMemory(grid, chosen.window)
+    scene = replace(scene_of(grid, look, chosen), cells=memory)
+    explained, marks = scene.overlays, marks_of(grid, look, chosen)
+    read_back = look.bare and look.palette == "gray" and look.layers[0] != MAP
+    drawn = {name: scene.drawn(name, chosen, read_back) for name in look.layers}
     known: dict[int, int] = {}
     laid_out: dict[int, Findings] = {}
     robots: set[str] = set()
     for step in progress(steps, "frame"):
+        changed: set[TileKey] = set()
         for entry, upto in step.upto:
             if entry.identity not in laid_out:
                 laid_out[entry.identity] = replay(grid, entry, settings).findings
-            memory.fuse(laid_out[entry.identity].before(upto), known.get(entry.identity, 0))
+            found = laid_out[entry.identity].before(upto)
+            changed |= memory.fuse(found, known.get(entry.identity, 0))
             known[entry.identity] = upto
             robots.add(entry.robot)
             if upto == entry.records:
                 del laid_out[entry.identity]
+        for key in changed:
+            part, place = chosen.around(tile_window(key))
+            for name, (index, _) in drawn.items():
+                index[place], _ = scene.drawn(name, part, read_back)
+        if look.bare:
+            name, (index, _) = next(iter(drawn.items()))
+            yield compose.bare(scene, name, chosen, look.palette, index).convert("RGB")
+            continue
         now = replace(
             scene,
-            cells=memory,
             subtitle=f"{plural(len(robots), 'robot')}, {plural(len(known), 'excursion')}, "
             f"{plural(sum(known.values()), 'record')}; now {step.caption}",
-            overlays=overlays_of(grid, look, chosen, entries, known),
+            overlays=marks(known),
         )
-        if look.bare:
-            yield compose.bare(now, look.layers[0], chosen, look.palette).convert("RGB")
-        else:
-            yield compose.furnished(now, look.layers, chosen, look.palette, legend)
+        yield compose.furnished(now, drawn, chosen, look.palette, explained)
 
 
 def _write(

@@ -1,4 +1,4 @@
-"""The layers that a picture can show, each shrunk so that what matters survives."""
+"""What a picture can show: each cell a number that only grows the more it matters."""
 
 from __future__ import annotations
 
@@ -17,14 +17,18 @@ from possmap.core.patches import Patch, extent_of, spread
 from possmap.core.pyramid import Ints
 from possmap.core.settings import FreeFusion
 from possmap.core.views import VIEWS, CellArray, Readout
+from possmap.pictures import masses, palettes
+from possmap.pictures.palettes import Indices, Table
 from possmap.pictures.raster import Raster
 
-Indices: TypeAlias = NDArray[np.uint8]
-"""One palette index per block, shape (rows, columns), the first row the highest y."""
+Ranks: TypeAlias = NDArray[np.unsignedinteger]
 
 LEVELS = 255
 """Values become 0 … 254, so that 255 is left for what is unknown."""
 UNKNOWN_INDEX = 255
+
+MAP = "map"
+COVERAGE = "coverage"
 
 
 class Cells(Protocol):
@@ -66,91 +70,89 @@ LAYERS: Mapping[str, PictureLayer] = MappingProxyType(
 )
 """The layers whose scale is 0 to 1, by name."""
 
+NAMES = (MAP, *LAYERS, COVERAGE)
+"""What a picture can show."""
 
-def drawn(
+
+def indices(
     name: str, cells: Cells, raster: Raster, base_rate: float, free_fusion: FreeFusion
 ) -> Indices:
-    """Return a layer's palette indices: 0 … 254 for values 0 … 1, 255 where nothing is known."""
-    table = _level_of_rank(name, LEVELS, UNKNOWN_INDEX)
+    """Return palette indices, the first row the highest y: of the map, or of a layer.
 
-    def band(part: Raster) -> Indices:
-        found: Indices = table[_ranks(name, cells, part, base_rate, free_fusion, LEVELS)]
-        return found
+    Of a layer 0 … 254 stand for values 0 … 1, 255 for what is unknown.
+    """
+    if name == MAP:
+        return _drawn(
+            cells,
+            raster,
+            lambda walls, free, points: masses.indices(
+                Readout.of(walls, free, free_fusion).masses, necessity_of(points)
+            ),
+            np.arange(256, dtype=np.uint8),
+        )
+    return _values(name, cells, raster, base_rate, free_fusion, LEVELS, UNKNOWN_INDEX)
 
-    return by_bands(raster, band)
 
-
-def drawn_gray(
+def gray(
     name: str, cells: Cells, raster: Raster, base_rate: float, free_fusion: FreeFusion
 ) -> Indices:
     """Return a layer as round(255·v), without a tone for what is unknown: numbers to read back."""
     nothing = np.zeros(1, dtype=np.int64)
-    unknown = _values(name, nothing, nothing, nothing, base_rate, free_fusion)
-    table = _level_of_rank(name, 256, int(np.rint(255 * unknown)[0]))
-
-    def band(part: Raster) -> Indices:
-        found: Indices = table[_ranks(name, cells, part, base_rate, free_fusion, 256)]
-        return found
-
-    return by_bands(raster, band)
+    unknown = int(np.rint(255 * _value(name, nothing, nothing, nothing, base_rate, free_fusion))[0])
+    return _values(name, cells, raster, base_rate, free_fusion, 256, unknown)
 
 
-def by_bands(raster: Raster, draw: Callable[[Raster], Indices]) -> Indices:
-    """Return a picture drawn in bands of rows, so that what is in work is small beside it.
-
-    draw : returns the indices of a band, the first row the lowest y, which the picture turns round.
-    """
-    whole: Indices = np.empty(raster.blocks, dtype=np.uint8)
-    upright = whole[::-1]
-    for first, band in raster.bands():
-        upright[first : first + band.blocks[0]] = draw(band)
-    return whole
-
-
-def _level_of_rank(name: str, levels: int, unknown: int) -> Indices:
-    """Return the level that each rank stands for; the first rank is what is unknown."""
-    level = np.arange(levels, dtype=np.uint8)
-    table: Indices = np.concatenate(
-        [np.array([unknown], dtype=np.uint8), level if LAYERS[name].by_largest else level[::-1]]
-    )
-    return table
-
-
-def _ranks(
+def _values(
     name: str,
     cells: Cells,
     raster: Raster,
     base_rate: float,
     free_fusion: FreeFusion,
     levels: int,
-) -> NDArray[np.unsignedinteger]:
-    """Return what a block shows as a number that only grows the more it matters.
+    unknown: int,
+) -> Indices:
+    by_largest = LAYERS[name].by_largest
 
-    0 is unknown; then come ``levels`` values, upwards or, where the smallest counts, downwards. So
-    a block's rank is the largest of its cells', and what is unknown hides nothing.
-    """
-    dtype = np.uint8 if levels < 256 else np.uint16
-    found: NDArray[np.unsignedinteger] = np.zeros(raster.blocks, dtype=dtype)
-    for patch in cells.patches(raster.window):
-        window = extent_of(patch)
-        stored = [spread(patch, layer, window) for layer in Layer]
-        known = (stored[0] != 0) | (stored[1] != 0) | (stored[2] != 0)
-        walls, free, points = (layer[known] for layer in stored)
-        value = _values(name, walls, free, points, base_rate, free_fusion)
+    def rank(walls: Ints, free: Ints, points: Ints) -> NDArray[np.int16]:
+        value = _value(name, walls, free, points, base_rate, free_fusion)
         level = np.rint((levels - 1) * value).astype(np.int16)
-        rank = np.zeros(window.shape, dtype=dtype)
-        rank[known] = level + 1 if LAYERS[name].by_largest else levels - level
-        raster.raise_to(found, window, rank)
-    return found
+        return level + 1 if by_largest else levels - level
+
+    level = np.arange(levels, dtype=np.uint8)
+    known = level if by_largest else level[::-1]
+    return _drawn(cells, raster, rank, np.array([unknown, *known], dtype=np.uint8))
 
 
-def _values(
-    name: str,
-    walls: Ints,
-    free: Ints,
-    points: Ints,
-    base_rate: float,
-    free_fusion: FreeFusion,
+def _drawn(
+    cells: Cells,
+    raster: Raster,
+    rank: Callable[[Ints, Ints, Ints], NDArray[np.integer]],
+    table: Indices,
+) -> Indices:
+    """Return what blocks show, in bands of rows, so that what is in work is small beside it.
+
+    rank : of cells of which anything is known, by their weights: above 0, the larger, the more a
+        cell matters. So a block's is the largest of its cells', and what is unknown, 0, hides
+        nothing.
+    table : what each rank is shown as.
+    """
+    whole: Indices = np.empty(raster.blocks, dtype=np.uint8)
+    upright = whole[::-1]
+    for first, band in raster.bands():
+        found: Ranks = np.zeros(band.blocks, dtype=np.uint8 if len(table) <= 256 else np.uint16)
+        for patch in cells.patches(band.window):
+            window = extent_of(patch)
+            stored = [spread(patch, layer, window) for layer in Layer]
+            known = (stored[0] != 0) | (stored[1] != 0) | (stored[2] != 0)
+            ranks = np.zeros(window.shape, dtype=found.dtype)
+            ranks[known] = rank(*(layer[known] for layer in stored))
+            band.raise_to(found, window, ranks)
+        upright[first : first + len(found)] = table[found]
+    return whole
+
+
+def _value(
+    name: str, walls: Ints, free: Ints, points: Ints, base_rate: float, free_fusion: FreeFusion
 ) -> CellArray:
     if name == "points":
         return necessity_of(points)
@@ -158,3 +160,20 @@ def _values(
     if name == "contradicted":
         return cells.contradicted.astype(np.float64)
     return VIEWS[name](cells, base_rate)
+
+
+def letters(name: str) -> str:
+    """Return the 256 characters that a layer's indices stand for where there is no colour."""
+    if name == MAP:
+        return masses.letters()
+    tenths = "".join(str(min(9, index * 10 // LEVELS)) for index in range(LEVELS))
+    return tenths + " "
+
+
+def colours(name: str, palette: str) -> Table:
+    """Return the 256 colours that a layer's indices stand for."""
+    if name == MAP:
+        return masses.table(palette)
+    at = np.rint(np.linspace(0, 255, LEVELS)).astype(int)
+    values = palettes.table(palette)[at]
+    return np.vstack([values, [palettes.unknown(palette)]]).astype(np.uint8)

@@ -1,10 +1,10 @@
-"""The legend of a picture: colour bars and signs, each a block that knows its size."""
+"""The legend of a map or a chart: colour bars and signs, each a block that knows its size."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol, TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from PIL import Image, ImageDraw
@@ -15,9 +15,9 @@ from possmap.pictures.text import LINE, NORMAL, SMALL, width, write
 
 WIDTH = 200
 _BAR = 14
-_SIGN = 26
 
-Sign: TypeAlias = Literal["box", "point", "line", "home", "ring"]
+Sign: TypeAlias = Callable[[ImageDraw.ImageDraw, int, int], None]
+"""Draws what an entry explains, from x to the right, at the height y of its middle."""
 
 
 class Key(Protocol):
@@ -42,7 +42,7 @@ class ColourBar:
     title: str
     colours: palettes.Table
     ends: tuple[str, str]
-    words: tuple[str, str]
+    words: tuple[str, str] = ("", "")
 
     @property
     def size(self) -> tuple[int, int]:
@@ -68,33 +68,27 @@ class ColourBar:
 
 @dataclass(frozen=True)
 class Entry:
-    """A sign and what it stands for."""
+    """A sign and what it stands for.
+
+    letters : their size.
+    room : for the sign [pixels].
+    """
 
     sign: Sign
-    colour: Colour
     text: str
+    letters: int = NORMAL
+    room: int = 26
 
     @property
     def size(self) -> tuple[int, int]:
         """Width and height [pixels]."""
-        return _SIGN + width(self.text, NORMAL), LINE + 2
+        return self.room + width(self.text, self.letters), LINE
 
-    def draw(self, image: Image.Image, x: int, y: int) -> None:
+    def draw(self, draw: ImageDraw.ImageDraw, x: int, y: int) -> None:
         """Draw it with its upper left corner at (x, y)."""
-        draw = ImageDraw.Draw(image)
         middle = y + LINE // 2
-        if self.sign == "box":
-            draw.rectangle((x, middle - 6, x + 17, middle + 5), self.colour, palettes.FAINT)
-        elif self.sign == "line":
-            draw.line((x, middle, x + 17, middle), self.colour, 2)
-        elif self.sign in ("home", "ring"):
-            circle = (x + 1, middle - 8, x + 17, middle + 8)
-            draw.ellipse(circle, palettes.PAPER, palettes.INK)
-            inside = "I" if self.sign == "home" else "1"
-            write(draw, (x + 9, middle), inside, SMALL, self.colour, "mm")
-        else:
-            diamond(draw, x + 9, middle, 5, self.colour)
-        write(draw, (x + _SIGN, middle), self.text, NORMAL, palettes.INK, "lm")
+        self.sign(draw, x, middle)
+        write(draw, (x + self.room, middle), self.text, self.letters, palettes.INK, "lm")
 
 
 @dataclass(frozen=True)
@@ -106,14 +100,37 @@ class Group:
     @property
     def size(self) -> tuple[int, int]:
         """Width and height [pixels]."""
-        sizes = [entry.size for entry in self.entries]
-        return max(w for w, _ in sizes), sum(h for _, h in sizes)
+        return max(entry.size[0] for entry in self.entries), (LINE + 2) * len(self.entries)
 
     def draw(self, image: Image.Image, x: int, y: int) -> None:
         """Draw it with its upper left corner at (x, y)."""
-        for entry in self.entries:
-            entry.draw(image, x, y)
-            y += entry.size[1]
+        for number, entry in enumerate(self.entries):
+            entry.draw(ImageDraw.Draw(image), x, y + (LINE + 2) * number)
+
+
+def box(colour: Colour) -> Sign:
+    """Return the sign of an area."""
+    return lambda draw, x, y: draw.rectangle((x, y - 6, x + 17, y + 5), colour, palettes.FAINT)
+
+
+def line(colour: Colour) -> Sign:
+    """Return the sign of a line."""
+    return lambda draw, x, y: draw.line((x, y, x + 17, y), colour, 2)
+
+
+def point(draw: ImageDraw.ImageDraw, x: int, y: int) -> None:
+    """Draw the sign of singular points."""
+    diamond(draw, x + 9, y, 5, palettes.POINT)
+
+
+def circled(letter: str) -> Sign:
+    """Return a letter in a circle: a home, or the number of a change."""
+
+    def draw_it(draw: ImageDraw.ImageDraw, x: int, y: int) -> None:
+        draw.ellipse((x + 1, y - 8, x + 17, y + 8), palettes.PAPER, palettes.INK)
+        write(draw, (x + 9, y), letter, SMALL, palettes.INK, "mm")
+
+    return draw_it
 
 
 def diamond(
@@ -124,29 +141,23 @@ def diamond(
     colour: tuple[int, ...],
     outline: tuple[int, ...] = palettes.PAPER,
 ) -> None:
-    """Draw the sign of a singular point."""
+    """Draw a singular point."""
     corners = [(x, y - radius), (x + radius, y), (x, y + radius), (x - radius, y)]
     draw.polygon(corners, colour, outline)
 
 
-def in_column(keys: Sequence[Key]) -> tuple[list[tuple[int, int]], tuple[int, int]]:
-    """Return the places of keys one below the other, and the size of all [pixels]."""
-    places, y, widest = [], 0, 0
-    for key in keys:
-        places.append((0, y))
-        y += key.size[1] + 14
-        widest = max(widest, key.size[0])
-    return places, (widest, max(0, y - 14))
+def in_rows(
+    sizes: Sequence[tuple[int, int]], most: int, apart: tuple[int, int] = (28, 14)
+) -> tuple[list[tuple[int, int]], tuple[int, int]]:
+    """Return the places of blocks beside each other, at most so wide, and the size of all.
 
-
-def in_rows(keys: Sequence[Key], most: int) -> tuple[list[tuple[int, int]], tuple[int, int]]:
-    """Return the places of keys beside each other, at most so wide, and the size of all."""
+    apart : gaps between them along x and y [pixels].
+    """
     places, x, y, row_height, widest = [], 0, 0, 0, 0
-    for key in keys:
-        key_width, key_height = key.size
-        if x and x + key_width > most:
-            x, y, row_height = 0, y + row_height + 14, 0
+    for block_width, block_height in sizes:
+        if x and x + block_width > most:
+            x, y, row_height = 0, y + row_height + apart[1], 0
         places.append((x, y))
-        x += key_width + 28
-        widest, row_height = max(widest, x - 28), max(row_height, key_height)
+        x += block_width + apart[0]
+        widest, row_height = max(widest, x - apart[0]), max(row_height, block_height)
     return places, (widest, y + row_height)

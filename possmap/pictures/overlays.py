@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from PIL import Image, ImageDraw
 
+from possmap.core.pyramid import Floats, Ints
+from possmap.grid.grid import Grid
 from possmap.pictures import palettes
 from possmap.pictures.legend import diamond
 from possmap.pictures.raster import Raster
@@ -14,6 +17,9 @@ from possmap.pictures.text import font
 
 Place = tuple[float, float]
 """x, y [m]."""
+
+HOME_M = 1.0
+"""Robots that set out so near to each other set out from one home [m]."""
 
 _FINE = 2
 """Lines are drawn so much larger and then reduced: smooth, without a drawing library."""
@@ -42,28 +48,59 @@ class Overlays:
         return [(robot, palettes.robot(k)) for k, (robot, _) in enumerate(self.tracks)]
 
 
-class Thinned:
-    """Places of which a picture shows one a pixel: a site has more corners than pixels."""
+class Marks:
+    """The places of corners, homes and tracks in a picture, gathered once.
 
-    def __init__(self, raster: Raster, resolution: float) -> None:
-        self._raster, self._resolution = raster, resolution
-        self._kept: dict[tuple[int, int], tuple[Place, float]] = {}
+    Of corners a pixel shows one, the most certain; of tracks it shows what goes on to another
+    pixel: a site has more of both than pixels.
 
-    def add(self, place: Place, certainty: float) -> None:
-        """Add a point with its certainty in [0, 1]; in a pixel the most certain stays."""
-        at = pixel_of(self._raster, place, self._resolution)
-        if at not in self._kept or certainty > self._kept[at][1]:
-            self._kept[at] = place, certainty
+    tracks : whether the tracks are wanted too.
+    """
 
-    def all(self) -> list[tuple[Place, float]]:
-        """Return the points kept."""
-        return list(self._kept.values())
+    def __init__(self, grid: Grid, raster: Raster, tracks: bool) -> None:
+        self._raster, self._resolution = raster, grid.resolution
+        x0, y0 = grid.lattice.corner_of(raster.window.row0, raster.window.column0)
+        x1, y1 = grid.lattice.corner_of(raster.window.row1, raster.window.column1)
+        window = x0, y0, x1, y1
+        self._entries = {entry.identity: entry for entry in grid.ledger.entries()}
+        self._corners = grid.ledger.places("corner", window)
+        self._homes = grid.ledger.first_poses(window)
+        poses = grid.ledger.places("pose") if tracks else self._homes[:0]
+        self._tracks = np.split(poses, np.flatnonzero(np.diff(poses[:, 0])) + 1) if tracks else []
 
+    def known(self, records: Mapping[int, int]) -> Overlays:
+        """Return what is drawn of so many records of each excursion, by its id in the ledger."""
+        points: dict[tuple[int, int], tuple[Place, float]] = {}
+        pixels = self._pixels(self._corners).tolist()
+        for (identity, number, *at), pixel in zip(self._corners.tolist(), pixels, strict=True):
+            if number < records.get(int(identity), 0):
+                x, y, half_x, half_y = at
+                certain = 1 - max(half_x, half_y) / self._entries[int(identity)].model.max_error
+                if certain > 0 and certain > points.get(tuple(pixel), (None, 0.0))[1]:
+                    points[tuple(pixel)] = (x, y), certain
+        homes: dict[tuple[float, float], Place] = {}
+        for identity, number, x, y, *_ in self._homes.tolist():
+            if number < records.get(int(identity), 0):
+                homes.setdefault((round(x / HOME_M), round(y / HOME_M)), (x, y))
+        tracks: dict[str, list[list[Place]]] = {}
+        for places in self._tracks:
+            entry = self._entries[int(places[0, 0])]
+            some = places[places[:, 1] < records.get(entry.identity, 0)]
+            # A robot has a colour of its own, whether it has come or not.
+            tracks.setdefault(entry.robot, []).append(self._thinned(some))
+        return Overlays([*points.values()], [*homes.values()], sorted(tracks.items()))
 
-def pixel_of(raster: Raster, place: Place, resolution: float) -> tuple[int, int]:
-    """Return the column and row of the pixel in which a place lies."""
-    x, y = raster.to_pixel(*place, resolution)
-    return int(x // 1), int(y // 1)
+    def _thinned(self, places: Floats) -> list[Place]:
+        pixels = self._pixels(places)
+        moved = np.ones(len(places), dtype=np.bool_)
+        moved[1:] = (pixels[1:] != pixels[:-1]).any(axis=1)
+        return [(x, y) for x, y in places[moved, 2:4].tolist()]
+
+    def _pixels(self, places: Floats) -> Ints:
+        """Return the column and row of the pixel in which each place lies."""
+        x, y = self._raster.to_pixel(places[:, 2], places[:, 3], self._resolution)
+        found: Ints = np.floor(np.stack([x, y], axis=1)).astype(np.int64)
+        return found
 
 
 def paint(image: Image.Image, overlays: Overlays, raster: Raster, resolution: float) -> None:

@@ -1,18 +1,22 @@
-"""Colours: of single values, of the composite map, and of what is unknown."""
+"""Colours: of values, of the map, of what is unknown; and images of indices into them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TypeAlias
+from typing import BinaryIO, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 Colour: TypeAlias = tuple[int, int, int]
 Table: TypeAlias = NDArray[np.uint8]
 """Colours by index, shape (entries, 3)."""
+Indices: TypeAlias = NDArray[np.uint8]
+"""One palette index per block, shape (rows, columns), the first row the highest y."""
 
 UNKNOWN: Colour = (232, 231, 226)
 """A neutral tone that no palette of values contains."""
@@ -62,8 +66,26 @@ def unknown(name: str) -> Colour:
     return UNKNOWN_BESIDE_GRAY if name == "gray" else UNKNOWN
 
 
-def ramp(stops: Sequence[Colour], count: int) -> NDArray[np.float64]:
+def ramp(stops: Sequence[Colour] | Table, count: int) -> NDArray[np.float64]:
     """Return ``count`` colours evenly between stops, shape (count, 3), 0 to 255."""
     at = np.linspace(0, len(stops) - 1, count)
     channels = np.array(stops, dtype=float).T
     return np.stack([np.interp(at, np.arange(len(stops)), c) for c in channels], axis=1)
+
+
+def image_of(index: Indices, scale: int, table: Table | None = None) -> Image.Image:
+    """Return an image, ``scale`` pixels for each entry; without a table of colours in greys."""
+    if scale > 1:
+        index = np.repeat(np.repeat(index, scale, axis=0), scale, axis=1)
+    image = Image.fromarray(np.ascontiguousarray(index))
+    if table is not None:
+        image.putpalette(table.tobytes())
+    return image
+
+
+def write_png(image: Image.Image, stream: BinaryIO, text: Mapping[str, str]) -> None:
+    """Write an image with tEXt metadata; the same image gives the same bytes."""
+    info = PngInfo()
+    for key, value in text.items():
+        info.add_text(key, value)
+    image.save(stream, "PNG", pnginfo=info, compress_level=6)

@@ -21,6 +21,7 @@ _BAND_BLOCKS = 1 << 22
 """Blocks that are drawn together."""
 
 N = TypeVar("N", bound=np.generic)
+M = TypeVar("M", float, NDArray[np.float64])
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,11 +53,24 @@ class Raster:
         """Return how many pixels a metre becomes."""
         return self.scale / (self.shrink * resolution)
 
-    def to_pixel(self, x: float, y: float, resolution: float) -> tuple[float, float]:
-        """Return the place of a point [m] in the picture [pixels], y down."""
+    def to_pixel(self, x: M, y: M, resolution: float) -> tuple[M, M]:
+        """Return the place of a point, or of many, [m] in the picture [pixels], y down."""
         per_metre = self.pixels_per_metre(resolution)
         x0, y1 = self.window.column0 * resolution, self.window.row1 * resolution
         return (x - x0) * per_metre, (y1 - y) * per_metre
+
+    def around(self, cells: Window) -> tuple[Raster, tuple[slice, slice]]:
+        """Return the blocks that some cells touch, and their place, the first row the highest y."""
+        cells = cells.intersection(self.window)
+        rows, _ = _cut(cells.row0, cells.row1, self.window.row0, self.shrink)
+        columns, _ = _cut(cells.column0, cells.column1, self.window.column0, self.shrink)
+        window = Window(
+            self.window.row0 + rows.start * self.shrink, self.window.row0 + rows.stop * self.shrink,
+            self.window.column0 + columns.start * self.shrink,
+            self.window.column0 + columns.stop * self.shrink,
+        )  # fmt: skip
+        high = self.blocks[0]
+        return replace(self, window=window), (slice(high - rows.stop, high - rows.start), columns)
 
     def bands(self) -> Iterator[tuple[int, Raster]]:
         """Yield bands of rows from the lowest, each with its first row of blocks."""

@@ -8,11 +8,9 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from possmap.grid.grid import Grid
-from possmap.pictures import compose, raster
-from possmap.pictures.layers import Indices
-from possmap.pictures.palettes import Table
-from possmap.pictures.render import Look, evidence_window, scene_of
+from possmap.pictures import layers, raster
+from possmap.pictures.palettes import Indices, Table
+from possmap.pictures.render import Look, evidence_window, opened, scene_of
 
 _RESET = "\x1b[0m"
 
@@ -29,15 +27,15 @@ def preview(path: Path, look: Look, columns: int, lines: int, colours: Depth) ->
         If there is no evidence.
     """
     name = look.layers[0]
-    with Grid(path) as grid, grid.snapshot():
+    with opened(path, look) as grid:
         window = evidence_window(grid, look.window_m)
         rows_high, cells_wide = window.shape
         factor = max(cells_wide / columns, rows_high / (2 * lines), 1.0)
         chosen = raster.plan(window, 1, max(1, int(max(window.shape) / factor)))
-        index, _ = compose.indices(scene_of(grid, look, chosen), name, chosen)
+        index, _ = scene_of(grid, look, chosen).drawn(name, chosen)
     if colours == "none":
-        return in_letters(index, compose.letters(name))
-    return in_colour(index, compose.colours(name, look.palette), colours)
+        return in_letters(index, layers.letters(name))
+    return in_colour(index, layers.colours(name, look.palette), colours)
 
 
 def in_colour(index: Indices, table: Table, depth: Depth = "24 bits") -> str:

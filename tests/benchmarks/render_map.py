@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from possmap.pictures.png import palette_image, write_png
 
 from possmap.core.evidence import Layer
 from possmap.core.fusion import CERTAIN, TileLayers
@@ -28,7 +29,6 @@ from possmap.core.pyramid import FULL
 from possmap.core.settings import EvidenceSettings
 from possmap.grid.grid import Grid
 from possmap.pictures import compose, overlays
-from possmap.pictures.png import palette_image, write_png
 from possmap.pictures.render import Look, overlays_of, raster_of, scene_of
 
 KNOWN = 16  # tiles along a side: 4096, of which 4000 cells are drawn

@@ -25,8 +25,6 @@ from possmap.core.settings import EvidenceSettings
 from possmap.errors import BudgetError
 from possmap.grid.grid import Grid
 from possmap.pictures import raster
-from possmap.pictures.overlays import Thinned
-from possmap.pictures.raster import Raster
 from possmap.pictures.render import Look, render
 
 DATA = Path(__file__).parents[2] / "data" / "json"
@@ -116,7 +114,7 @@ def test_bands_draw_the_same_picture_byte_for_byte(
 
 
 def test_bands_of_a_picture_hold_each_row_of_blocks_once() -> None:
-    whole = Raster(Window(-30, 3570, 6, 9006), 30)
+    whole = raster.Raster(Window(-30, 3570, 6, 9006), 30)
     bands = list(whole.bands())
     assert [first for first, _ in bands] == [
         sum(band.blocks[0] for _, band in bands[:at]) for at in range(len(bands))
@@ -144,20 +142,12 @@ def test_tiles_that_do_not_fit_are_refused(tmp_path: Path, monkeypatch: pytest.M
     possmap.fuse(DATA, grid)
     out = tmp_path / "out.png"
     monkeypatch.setattr("possmap.pictures.tiles.MOST_TILES", 1)
-    result = run("render", grid, "-o", out, "--robots", "r1")
+    result = run("render", grid, "-o", out, "--animate", "excursion")
     assert result.exit_code == 1 and not out.exists()
     assert result.stderr == (
         f"possmap: {grid}: more than 1 tiles laid out again, expected fewer; "
         "take a part of it: --window X0,Y0,X1,Y1\n"
     )
-
-
-def test_of_points_in_one_pixel_the_most_certain_is_drawn() -> None:
-    points = Thinned(Raster(Window(0, 10, 0, 10)), 0.1)
-    for place, certainty in (((0.51, 0.5), 0.5), ((0.52, 0.5), 0.7), ((0.53, 0.5), 0.6)):
-        points.add(place, certainty)
-    points.add((0.9, 0.5), 0.1)
-    assert points.all() == [((0.52, 0.5), 0.7), ((0.9, 0.5), 0.1)]
 
 
 # What a file holds ------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from hypothesis import settings as budget
 from hypothesis import strategies as st
 from maps import Pairs, drawn_grid, write_grid
 
-from possmap.exports import cells_csv
+from possmap.exports import arrays
 from possmap.exports.export import export
 from possmap.grid.grid import Grid
 
@@ -50,7 +50,7 @@ grids = st.dictionaries(
 def test_the_lines_are_the_cells_in_order(cells: Pairs, at_once: int) -> None:
     with TemporaryDirectory() as name, pytest.MonkeyPatch.context() as patch:
         path = write_grid(Path(name) / "site.possmap", cells, 0.05)
-        patch.setattr(cells_csv, "_AT_ONCE", at_once)
+        patch.setattr(arrays, "_AT_ONCE", at_once)
         export(path, Path(name) / "site.csv")
         with (Path(name) / "site.csv").open(encoding="utf-8") as stream:
             lines = list(csv.reader(line for line in stream if not line.startswith("#")))

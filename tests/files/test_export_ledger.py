@@ -21,7 +21,7 @@ from teams import fuse, write_logs
 from possmap.core.evidence import Geometry
 from possmap.core.propagation import ErrorRectangle
 from possmap.exports.export import export
-from possmap.exports.features import swept
+from possmap.exports.geojson import swept
 from possmap.exports.job import Choices
 from possmap.grid.grid import Grid
 

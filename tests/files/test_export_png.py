@@ -9,7 +9,7 @@ import pytest
 from maps import cells_of, drawn_grid, write_grid
 from PIL import Image
 
-from possmap.exports import cells as export_cells
+from possmap.exports import job as export_job
 from possmap.exports.export import export
 from possmap.exports.job import LAYERS, Choices
 from possmap.grid.grid import Grid
@@ -70,6 +70,6 @@ def test_bands_and_pieces_of_rows_show_the_same(
     whole = pixels(tmp_path / "1.png")
     assert whole.shape == (305, 528)
     for most in (2000, 100):
-        monkeypatch.setattr(export_cells.bands, "__defaults__", (False, most))
+        monkeypatch.setattr(export_job.bands, "__defaults__", (False, most))
         export(path, tmp_path / "2.png", overwrite=True)
         assert (pixels(tmp_path / "2.png") == whole).all()

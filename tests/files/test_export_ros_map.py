@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from maps import PAIRS, Pairs, cells_of, drawn_grid, write_grid
 from PIL import Image
 
-from possmap.exports import cells as export_cells
+from possmap.exports import job as export_job
 from possmap.exports.export import export
 from possmap.exports.job import MODES, Choices
 from possmap.grid.grid import Grid
@@ -174,7 +174,7 @@ def test_bands_and_pieces_of_rows_give_the_same_bytes(
     assert [line[:6] for line in seen.letters()[-4:]] == [x.replace("!", "?") for x in DRAWN]
     assert [line[-6:] for line in seen.letters()[:4]] == [x.replace("!", "?") for x in DRAWN]
     for most in (1000, 100):  # a row has 529 cells
-        monkeypatch.setattr(export_cells.bands, "__defaults__", (False, most))
+        monkeypatch.setattr(export_job.bands, "__defaults__", (False, most))
         export(grid, tmp_path / "2.yaml", overwrite=True)
         assert (tmp_path / "2.pgm").read_bytes() == (tmp_path / "1.pgm").read_bytes()
         export(grid, tmp_path / "3.yaml", overwrite=True, choices=Choices(mode="scale"))

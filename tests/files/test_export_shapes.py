@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from maps import Pairs, cells_of, write_grid
 
 from possmap.errors import OutputError
-from possmap.exports import features
 from possmap.exports.export import export
 from possmap.exports.job import Choices, Job
 from possmap.exports.outline import Polygon
+from possmap.exports.outline import outlines as outlines_of
 from possmap.grid.grid import Grid
 
 # Beside and on the borders of tiles, with tiles left out between, below and above (0, 0).
@@ -34,8 +34,8 @@ def outlines(cells: Mapping[tuple[int, int], tuple[float, float]]) -> list[Polyg
             window = grid.window
             assert window is not None
             job = Job(grid, window, None, (Path("site.svg"),), Choices())
-            found = features.outline_of_walls(job)
-            assert found == features.outline_of_evidence(job)
+            found = outlines_of(job, job.occupied)
+            assert found == outlines_of(job, job.known)
 
     def moved(ring: list[tuple[int, int]]) -> list[tuple[int, int]]:
         return [(column + window.column0, row + window.row0) for column, row in ring]

@@ -16,7 +16,7 @@ from possmap.core.evidence import Layer
 from possmap.core.fusion import UNIT
 from possmap.core.lattice import Window
 from possmap.core.patches import Crop, Patch, cropped
-from possmap.pictures import compose, composite, palettes
+from possmap.pictures import compose, layers, masses, palettes
 from possmap.pictures.compose import Scene
 from possmap.pictures.raster import Raster
 from possmap.pictures.render import Look, picture
@@ -57,6 +57,10 @@ def tones(palette: str, point: float = 0.0) -> NDArray[np.int64]:
     scene = Scene(Ramps(point), 0.1, "dempster")
     image = compose.bare(scene, "map", Raster(WINDOW), palette)
     return np.asarray(image.convert("RGB")).astype(np.int64)[::-1]
+
+
+def drawn(point: float = 0.0) -> NDArray[np.uint8]:
+    return layers.indices("map", Ramps(point), Raster(WINDOW), 0.5, "dempster")
 
 
 def light(colour: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -110,7 +114,7 @@ def test_what_is_contested_is_shown_as_strength_and_never_as_opaque_paint(palett
     tint = np.array(palettes.CONTESTED)
     away = apart(balanced, tint)
     assert (np.diff(away) <= 40).all() and away[-1] < away[0] / 2, "the more, the nearer"
-    assert apart(composite.table(palette).astype(int), tint).min() > 30, "something shows through"
+    assert apart(masses.table(palette).astype(int), tint).min() > 30, "something shows through"
     for settled in (found[0, -1], found[-1, 0]):
         assert apart(settled, balanced[-1]) > 150
     # A little evidence against much hardly tints it.
@@ -119,9 +123,9 @@ def test_what_is_contested_is_shown_as_strength_and_never_as_opaque_paint(palett
 
 @pytest.mark.parametrize("palette", PALETTES)
 def test_nothing_known_looks_unknown(palette: str) -> None:
-    table = composite.table(palette).astype(int)
+    table = masses.table(palette).astype(int)
     used = np.unique(np.concatenate([
-        composite.drawn(Ramps(point), Raster(WINDOW), "dempster").ravel()
+        drawn(point).ravel()
         for point in (0.0, 0.02, 0.3, 0.9)
     ]))  # fmt: skip
     assert apart(table[used[used != 0]], table[0]).min() > 0
@@ -154,11 +158,11 @@ def test_a_strong_singular_point_is_seen() -> None:
 
 
 def test_letters_say_the_same_as_colours() -> None:
-    letters = np.array(list(composite.letters()))
-    drawn = letters[composite.drawn(Ramps(), Raster(WINDOW), "dempster")[::-1]]
-    assert drawn[0, 0] == " " and drawn[63, 63] == "!"
-    assert set(drawn[0, 1:]) == {"#"} and set(drawn[1:, 0]) == {"."}
-    assert drawn[10, 63] == "#" and drawn[63, 10] == "."
+    letters = np.array(list(layers.letters("map")))
+    shown = letters[drawn()[::-1]]
+    assert shown[0, 0] == " " and shown[63, 63] == "!"
+    assert set(shown[0, 1:]) == {"#"} and set(shown[1:, 0]) == {"."}
+    assert shown[10, 63] == "#" and shown[63, 10] == "."
     assert len(letters) == 256
 
 

@@ -16,7 +16,7 @@ import possmap
 from possmap.core.lattice import Window
 from possmap.inspection import difference_picture as difference
 from possmap.inspection.changes import Change
-from possmap.pictures import axes, frame, legend, text
+from possmap.pictures import frame, legend, text
 from possmap.pictures.render import Look, picture, raster_of
 
 DATA = Path(__file__).parents[2] / "data"
@@ -73,7 +73,7 @@ class Drawn:
                 self.pasted.append((image.size, place))
             paste(image, other, box, mask)
 
-        for module in (axes, frame, legend):
+        for module in (frame, legend):
             monkeypatch.setattr(module, "write", note)
         monkeypatch.setattr(ImageDraw.ImageDraw, "line", rule)
         monkeypatch.setattr(Image.Image, "paste", stick)

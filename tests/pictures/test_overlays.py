@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
+from teams import fuse, write_logs
 
 import possmap
 from possmap.core.lattice import Window
@@ -124,3 +125,19 @@ def test_what_lies_outside_the_window_is_not_listed(site: Path) -> None:
         found = overlays_of(grid, look, raster_of(grid, look))
     assert found.homes == []
     assert found.points and all(2 <= x <= 7 and 2 <= y <= 6 for (x, y), _ in found.points)
+
+
+def test_of_points_in_one_pixel_the_most_certain_is_drawn(tmp_path: Path) -> None:
+    def seen(robot: str, error: float, *corners: float) -> dict[str, object]:
+        home = {"kind": "pose", "x": 0, "y": 0, "heading": 0, "error_x": error, "error_y": error}
+        ends = [{"kind": "corner", "x": x, "y": 0.5, "corner": "end"} for x in corners]
+        records = [{"seq": k, **one} for k, one in enumerate((home, *ends, home))]
+        return {"possmap_log": 1, "robot": robot, "excursion": "a", "records": records}
+
+    logs = [seen("r1", 0.5, 0.51), seen("r2", 0.3, 0.52), seen("r3", 0.4, 0.53, 0.9)]
+    fuse(write_logs(tmp_path / "logs", logs), tmp_path / "g", {"resolution": 0.1})
+    with possmap.open_grid(tmp_path / "g") as grid:
+        found = overlays_of(grid, Look(), Raster(Window(-20, 20, -20, 20)))
+    assert [(x, certainty) for (x, _), certainty in found.points] == [
+        (0.52, pytest.approx(0.7)), (0.9, pytest.approx(0.6)),
+    ]  # fmt: skip

@@ -11,7 +11,7 @@ from teams import fuse, write_logs
 
 import possmap
 from possmap.pictures import terminal
-from possmap.pictures.compose import letters
+from possmap.pictures.layers import letters
 from possmap.pictures.render import Look, picture
 from possmap.pictures.terminal import preview
 

@@ -91,7 +91,7 @@ def calibrate_files(
         streams[0].write(as_yaml(found, paths).encode())
         if picture is not None:
             from possmap.lab.calibrate.report import sheet
-            from possmap.pictures.png import write_png
+            from possmap.pictures.palettes import write_png
 
             write_png(sheet(found), streams[1], {"Software": f"possmap {version()}"})
     return found

@@ -20,12 +20,12 @@ from possmap.lab.evaluate.validity import Bin
 from possmap.pictures import compose, overlays, palettes
 from possmap.pictures.charts import Axis, Chart, Mark, Point, Series
 from possmap.pictures.frame import Panel, framed
-from possmap.pictures.legend import Entry, Group
+from possmap.pictures.layers import MAP
+from possmap.pictures.legend import Entry, Group, line
 from possmap.pictures.overlays import Overlays
-from possmap.pictures.palettes import Colour
-from possmap.pictures.png import palette_image, write_png
+from possmap.pictures.palettes import Colour, write_png
 from possmap.pictures.raster import Raster, plan
-from possmap.pictures.render import Look, counted_words, overlays_of, scene_of
+from possmap.pictures.render import Look, scene_of
 from possmap.pictures.text import LINE, NORMAL, SMALL, fitted, width, write
 from possmap.release import version
 
@@ -85,19 +85,17 @@ def _maps(grid: Grid, walls: Segments, chosen: Raster) -> Image.Image:
     """Return map and truth side by side."""
     look = Look(title=f"How true {grid.path.stem} is")
     scene = scene_of(grid, look, chosen)
-    index, _ = compose.indices(scene, compose.MAP, chosen)
-    table = compose.colours(compose.MAP, look.palette)
-    picture = palette_image(index, table, chosen.scale).convert("RGB")
-    overlays.paint(picture, overlays_of(grid, look, chosen), chosen, grid.resolution)
+    picture = compose.bare(scene, MAP, chosen, look.palette).convert("RGB")
+    overlays.paint(picture, scene.overlays, chosen, grid.resolution)
     truth = Image.new("RGB", picture.size, palettes.UNKNOWN)
     true_walls = tuple((x, y, x2, y2) for x, y, x2, y2 in walls.tolist())
     overlays.paint(truth, Overlays(truth=true_walls), chosen, grid.resolution)
     keys = [
-        *compose.keys(scene.overlays, {compose.MAP: 1}, look.palette),
-        Group([Entry("line", palettes.TRUTH, "true wall")]),
+        *compose.keys(scene.overlays, {MAP: 1}, look.palette),
+        Group([Entry(line(palettes.TRUTH), "true wall")]),
     ]
     panels = [Panel(picture, chosen, "map"), Panel(truth, chosen, "truth")]
-    return framed(panels, keys, scene.title, counted_words(grid), grid.resolution)
+    return framed(panels, keys, scene.title, scene.subtitle, grid.resolution)
 
 
 def report(found: Evaluation, maps: Image.Image) -> Image.Image:
@@ -227,9 +225,9 @@ def _table(found: Evaluation, wide: int) -> Image.Image:
             write(draw, (right, y), text, NORMAL, palettes.INK, "rs")
     y += 12
     draw.line((0, y, wide, y), palettes.FAINT)
-    for line in lines:
+    for sentence in lines:
         y += LINE
-        write(draw, (0, y), fitted(line, SMALL, wide), SMALL, palettes.INK, "ls")
+        write(draw, (0, y), fitted(sentence, SMALL, wide), SMALL, palettes.INK, "ls")
     return sheet
 
 

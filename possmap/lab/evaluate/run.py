@@ -14,7 +14,7 @@ from possmap.core.evidence import Layer
 from possmap.core.lattice import Lattice, Window
 from possmap.core.views import Readout
 from possmap.errors import OutputError, printable, shown
-from possmap.exports.export import refuse_itself
+from possmap.exports.job import refuse_itself
 from possmap.grid.copying import selected
 from possmap.grid.grid import Grid
 from possmap.grid.selection import Selection

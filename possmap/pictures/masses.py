@@ -1,4 +1,4 @@
-"""The map: walls, free space, singular points and what is contested; after the paper's Figure 8.
+"""The map's colours: walls, free space, points and what is contested, after the paper's Figure 8.
 
 A cell's colour is that of its masses m(wall) and m(free), the stronger, the further from what is
 unknown. Where strong evidence balances, both show through a tint as strong as it is contested.
@@ -6,20 +6,19 @@ unknown. Where strong evidence balances, both show through a tint as strong as i
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from possmap.core.evidence import Layer
-from possmap.core.fusion import necessity_of
-from possmap.core.patches import extent_of, spread
 from possmap.core.pyramid import Ints
-from possmap.core.settings import FreeFusion
-from possmap.core.views import CellArray, Masses, Readout
+from possmap.core.views import CellArray, Masses
 from possmap.pictures import palettes
-from possmap.pictures.layers import Cells, Indices, by_bands
-from possmap.pictures.palettes import Table
-from possmap.pictures.raster import Raster
+from possmap.pictures.palettes import Indices, Table
+
+Stops: TypeAlias = tuple[palettes.Colour, ...]
 
 STEPS = 20
 """Into so many steps each mass is divided: all pairs fit into one byte."""
@@ -56,26 +55,8 @@ def _index() -> Indices:
     return table
 
 
-def drawn(cells: Cells, raster: Raster, free_fusion: FreeFusion) -> Indices:
-    """Return the palette indices of the map, the first row the highest y."""
-
-    def band(part: Raster) -> Indices:
-        found: Indices = np.zeros(part.blocks, dtype=np.uint8)
-        for patch in cells.patches(part.window):
-            window = extent_of(patch)
-            stored = [spread(patch, layer, window) for layer in Layer]
-            known = (stored[0] != 0) | (stored[1] != 0) | (stored[2] != 0)
-            index = np.zeros(window.shape, dtype=np.uint8)
-            walls, free, points = (layer[known] for layer in stored)
-            masses = Readout.of(walls, free, free_fusion).masses
-            index[known] = _indices(masses, necessity_of(points))
-            part.raise_to(found, window, index)
-        return found
-
-    return by_bands(raster, band)
-
-
-def _indices(masses: Masses, points: CellArray) -> Indices:
+def indices(masses: Masses, points: CellArray) -> Indices:
+    """Return the palette indices of cells, by their masses and the necessity of a point there."""
     wall, free, point = (_steps(value) for value in (masses.wall, masses.free, points))
     # What is not 0 gets a step, at the cost of the stronger side where there is no other.
     excess = np.maximum(0, wall + free - STEPS)
@@ -102,16 +83,21 @@ def letters() -> str:
     return "".join(signs).ljust(256)
 
 
+def _stops(palette: str) -> tuple[palettes.Colour, Stops, Stops]:
+    """Return the colour of what is unknown, and those of walls and free space, the stronger."""
+    if palette == "gray":
+        return palettes.PAPER, palettes.PAPER_WALL_STOPS, palettes.PAPER_FREE_STOPS
+    return palettes.UNKNOWN, palettes.WALL_STOPS, palettes.FREE_STOPS
+
+
 @cache
 def table(palette: str) -> Table:
     """Return the 256 colours of the map; ``gray`` gives the greys of the paper's Figure 8."""
-    gray = palette == "gray"
-    unknown = palettes.PAPER if gray else palettes.UNKNOWN
-    free_stops = palettes.PAPER_FREE_STOPS if gray else palettes.FREE_STOPS
-    wall_stops = palettes.PAPER_WALL_STOPS if gray else palettes.WALL_STOPS
+    unknown, wall_stops, free_stops = _stops(palette)
+    point_colour = palettes.PAPER_POINT if palette == "gray" else palettes.POINT
     walls = palettes.ramp((unknown, *wall_stops), STEPS + 1)
     free = palettes.ramp((unknown, *free_stops), STEPS + 1)
-    points = palettes.ramp((unknown, palettes.PAPER_POINT if gray else palettes.POINT), STEPS + 1)
+    points = palettes.ramp((unknown, point_colour), STEPS + 1)
     tint = np.array(palettes.CONTESTED, dtype=float)
     colours = np.tile(np.array(unknown, dtype=float), (256, 1))
     for index, (m_wall, m_free, point) in enumerate(_pairs()):
@@ -122,16 +108,21 @@ def table(palette: str) -> Table:
             mixed = share * walls[m_wall] + (1 - share) * free[m_free]
             covers = _TINT * 2 * min(m_wall, m_free) / STEPS
             colours[index] = (1 - covers) * mixed + covers * tint
-    found: Table = np.rint(colours).astype(np.uint8)
-    return found
+    return _bytes(colours)
 
 
-def contested_ramp(palette: str) -> Table:
-    """Return the colours of cells of which everything is known, from one side's to undecided."""
+def scales(palette: str) -> Iterator[tuple[str, Table, tuple[str, str], str]]:
+    """Yield title, colours, both ends and what the right one means, of each scale of the map."""
+    _, wall_stops, free_stops = _stops(palette)
+    yield "wall: belief", _bytes(palettes.ramp(wall_stops, 256)), ("0", "1"), "certain"
+    free = _bytes(palettes.ramp(free_stops, 256))
+    yield "free: plausibility of a wall", free, ("1", "0"), "certain"
     where = {pair: index for index, pair in enumerate(_pairs())}
     along = [where[half, STEPS - half, 0] for half in range(STEPS // 2 + 1)]
-    stops = table(palette)[along]
-    at = np.linspace(0, len(stops) - 1, 256)
-    channels = [np.interp(at, np.arange(len(stops)), channel) for channel in stops.T]
-    found: Table = np.rint(np.stack(channels, axis=1)).astype(np.uint8)
+    contested = _bytes(palettes.ramp(table(palette)[along], 256))
+    yield "contested: evidence both ways", contested, ("0", "1"), "undecided"
+
+
+def _bytes(colours: NDArray[np.float64]) -> Table:
+    found: Table = np.rint(colours).astype(np.uint8)
     return found
