@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from possmap.core.evidence import Segment, Swath, findings
+from possmap.core.evidence import Layer, Segment, Swath, findings
+from possmap.core.fusion import fuse_tile
 from possmap.core.lattice import TileKey, Window, tile_window
-from possmap.core.memory import TileMemory
 from possmap.core.model import ErrorModel
+from possmap.core.plan import by_tile, plan_excursion
 from possmap.core.propagation import ErrorRectangle
 from possmap.core.pyramid import FULL
 from possmap.core.records import PartialMap, Pose
@@ -153,8 +154,8 @@ def test_paths_are_set_by_path_width_alone() -> None:
     denied = {}
     for width in (0.0, 0.5):
         settings = EvidenceSettings(resolution=C, path_width=width, model=model)
-        memory = TileMemory(settings)
-        memory.fuse(findings(log, model, settings), 0)
-        denied[width] = int(memory.touched(TileKey(0, 0)).sum())
+        _, works = by_tile([plan_excursion(findings(log, model, settings), 0, settings)])
+        (work,) = (one for one in works if one.key == TileKey(0, 0))
+        denied[width] = np.count_nonzero(fuse_tile(work, {}, settings)[Layer.FREE])
     assert denied[0.0] == 21, "only the path's own cells"
     assert denied[0.5] == 3 * 23, "and half a metre of floor, as far as it lies in this tile"
