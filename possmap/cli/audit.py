@@ -14,7 +14,8 @@ from possmap.cli import options
 
 if TYPE_CHECKING:
     from possmap.grid.selection import Selection
-    from possmap.inspection.audit import Audit, Side
+    from possmap.inspection.audit import Audit
+    from possmap.inspection.judgement import Side
 
 _COLUMNS = (
     "contradiction",

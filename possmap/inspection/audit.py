@@ -8,102 +8,33 @@ from functools import reduce
 from itertools import pairwise
 from operator import add
 from pathlib import Path
-from typing import TypeAlias
-
-import numpy as np
 
 from possmap.core.lattice import Lattice, TileKey, Window
 from possmap.core.plan import ExcursionPlan
 from possmap.core.walls import Fit, Observations
 from possmap.errors import OutputError, plural, printable
+from possmap.exports.job import Metres
 from possmap.grid.grid import Grid
 from possmap.grid.ledger import Entry
 from possmap.grid.replay import replay
 from possmap.grid.selection import Selection
-from possmap.inspection.contradiction import Contradiction, Crowd, compare
-from possmap.inspection.sides import TileSides, sides_by_tile
-from possmap.inspection.told import Told
+from possmap.inspection.contradiction import Contradiction, sides_by_tile
+from possmap.inspection.judgement import (
+    LEAST_M2,
+    LEAST_SHARE,
+    ROBOT_STANDS_OUT,
+    Side,
+    Told,
+    rank,
+    told_apart,
+)
 from possmap.progress import Progress, quiet
-
-Metres: TypeAlias = tuple[float, float, float, float]
-
-LEAST_SHARE = 0.1
-"""Of its cells others must have said something, or a side is not judged."""
-LEAST_M2 = 1.0
-"""And so large must those cells be together [m²]."""
 
 IN_A_SPELL = 10
 """Excursions of a robot that are judged together, in the order in which they came."""
 
-ROBOT_STANDS_OUT = 3.0
-"""A robot's spell stands out that lies so many spreads above those of the other robots."""
-EXCURSION_STANDS_OUT = 8.0
-"""An excursion stands out that lies so many spreads above those of the other robots."""
-FEWEST = 5
-"""So many values of others are needed to say how far values spread."""
-LEAST_SPREAD = 0.02
-"""No spread is taken for smaller: where nobody contradicts anybody, a trifle would stand out."""
-
-_NORMAL = 1.4826
-"""What makes a median absolute deviation a standard deviation, for a normal distribution."""
-
 _MOST_BYTES = 1 << 30
 """Excursions laid out are not held beyond this."""
-
-
-@dataclass(frozen=True, slots=True)
-class Side:
-    """An excursion, or all excursions of a robot, beside those of the other robots.
-
-    Attributes
-    ----------
-    robot, excursion
-        Its name; no excursion: the robot.
-    records
-        How many it has.
-    compared, share
-        Cells of which it and the others say something, and their share of its cells.
-    contradiction
-        What contradicts, of all that both commit themselves on; 0 to 1.
-    conflict
-        Mean of Dempster's K over the cells compared: the sum of the next two.
-    wall_free, free_wall
-        Its walls where the others are free, and the reverse.
-    worst
-        x and y [m] of where it contradicts most, and K there.
-    told
-        What its own walls told.
-    judged
-        Whether enough was compared.
-    above
-        How far its contradiction lies above the median of the others, in their spreads; of a robot,
-        its worst spell. None where that cannot be said.
-    reasons
-        Why somebody should look; empty: it does not stand out.
-    since
-        The first excursion of a robot's worst spell that does.
-    """
-
-    robot: str
-    excursion: str | None
-    records: int
-    compared: int
-    share: float
-    contradiction: float
-    conflict: float
-    wall_free: float
-    free_wall: float
-    worst: tuple[float, float, float] | None
-    told: Told
-    judged: bool
-    above: float | None = None
-    reasons: tuple[str, ...] = ()
-    since: str | None = None
-
-    @property
-    def stands_out(self) -> bool:
-        """Whether somebody should look."""
-        return bool(self.reasons)
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,10 +92,8 @@ def audit(
         return Audit(
             grid=path,
             resolution=grid.resolution,
-            robots=tuple(sorted(sides, key=_rank)),
-            excursions=tuple(
-                sorted((_told_apart(one, excursions) for one in excursions), key=_rank)
-            ),
+            robots=tuple(sorted(sides, key=rank)),
+            excursions=tuple(sorted((told_apart(one, excursions) for one in excursions), key=rank)),
         )
 
 
@@ -205,28 +134,12 @@ def _contradictions(
                 "into memory together; audit some: --last N, --since, or a smaller --window"
             )
     found = [Contradiction() for _ in entries]
+    robots = [entry.robot for entry in entries]
     count, tiles = sides_by_tile(plans, settings, window)
     for tile in progress(tiles, "tile", count):
-        for number, one in _in_tile(tile, entries):
+        for number, one in tile.compared(robots):
             found[number] += one
     return [_Judged(*one) for one in zip(entries, found, told, strict=True)]
-
-
-def _in_tile(tile: TileSides, entries: Sequence[Entry]) -> Iterator[tuple[int, Contradiction]]:
-    """Yield each excursion of a tile, held against what the other robots say there."""
-    teams: dict[str, list[int]] = {}
-    for number in tile.numbers:
-        teams.setdefault(entries[number].robot, []).append(number)
-    everybody = Crowd(tile.window)
-    for number in tile.numbers:
-        everybody.add(tile.said(number))
-    for numbers in teams.values():
-        own = Crowd(tile.window)
-        for number in numbers:
-            own.add(tile.said(number))
-        others = everybody.without(own)
-        for number in numbers:
-            yield number, compare(tile.said(number), others)
 
 
 def _side(lattice: Lattice, some: Sequence[_Judged], excursion: str | None = None) -> Side:
@@ -269,36 +182,9 @@ def _robot(
     """Return a robot as a side: it stands out where one of its spells does."""
     whole = _side(lattice, [one for one in judged if one.entry.robot == robot])
     every = [one for some in spells.values() for one in some]
-    own = [_told_apart(one, every, ROBOT_STANDS_OUT) for one in spells[robot]]
+    own = [told_apart(one, every, ROBOT_STANDS_OUT) for one in spells[robot]]
     known = [one.above for one in own if one.above is not None]
     reasons = tuple(dict.fromkeys(reason for one in own for reason in one.reasons))
     since = next((one.excursion for one in own if one.reasons), None)
     above = max(known) if known else None
     return replace(whole, above=above, reasons=reasons, since=since)
-
-
-def _told_apart(side: Side, sides: Sequence[Side], limit: float = EXCURSION_STANDS_OUT) -> Side:
-    """Say how far a side stands out from other robots' sides: its own share its faults."""
-    others = [one for one in sides if one.robot != side.robot]
-    reasons = []
-    above = None
-    judged = [one for one in others if one.judged]
-    if side.judged and len(judged) >= FEWEST and len({one.robot for one in judged}) > 1:
-        values = np.array([one.contradiction for one in judged])
-        median = float(np.median(values))
-        spread = max(LEAST_SPREAD, _NORMAL * float(np.median(np.abs(values - median))))
-        above = (side.contradiction - median) / spread
-        if above >= limit:
-            reasons.append("contradicts the others")
-    reasons += side.told.reasons([one.told for one in others])
-    return replace(side, above=above, reasons=tuple(reasons))
-
-
-def _rank(side: Side) -> tuple[bool, bool, float, str, str]:
-    return (
-        not side.judged,
-        not side.stands_out,
-        -side.contradiction,
-        side.robot,
-        side.excursion or "",
-    )

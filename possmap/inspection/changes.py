@@ -6,7 +6,7 @@ import heapq
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,27 +34,21 @@ APART_M = 1.0
 _IN_REACH = 16
 """A change rules out at most so many of those chosen in its own tile and those around it."""
 
-
-class CellPair(NamedTuple):
-    """The same cells of two grids, A and B; ``equal``: they are known to agree on all."""
-
-    window: Window
-    a: Patch
-    b: Patch
-    equal: bool = False
-
-    def known(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return which cells of A and of B are not pure ignorance."""
-        a = _known(self.a, self.window)
-        return a, a if self.equal else _known(self.b, self.window)
+Fusions: TypeAlias = tuple[FreeFusion, FreeFusion]
+"""How numbers of free space add up in A and in B."""
 
 
 class Changes(NamedTuple):
-    """The cells of a pair whose evidence differs; row and column are those of the lattice.
+    """Some cells of two grids, A and B, and those of them whose evidence differs.
 
-    a, b : the values of QUANTITIES, and how contested each cell is, shape (4, cells).
+    known_a, known_b : which cells of the window are not pure ignorance.
+    row, column : of those that differ, on the lattice.
+    a, b : the values of QUANTITIES there, and how contested they are, shape (4, cells).
     """
 
+    window: Window
+    known_a: NDArray[np.bool_]
+    known_b: NDArray[np.bool_]
     row: NDArray[np.intp]
     column: NDArray[np.intp]
     a: NDArray[np.float64]
@@ -64,6 +58,40 @@ class Changes(NamedTuple):
     def size(self) -> NDArray[np.float64]:
         """How far each of QUANTITIES moves, shape (3, cells)."""
         return np.abs(self.b - self.a)[: len(QUANTITIES)]
+
+
+def changes_in_row(row: int, a: Grid, b: Grid, window: Window) -> Iterator[Changes]:
+    """Yield the tiles of a row that A or B holds; what neither knows is left out.
+
+    Equal hashes tell that no cell differs: of those tiles one is read for the two.
+    """
+    hashes = [grid.tiles.directory.hashes_of_row(row, window) for grid in (a, b)]
+    fusions = a.settings.free_fusion, b.settings.free_fusion
+    for column in sorted(hashes[0].keys() | hashes[1].keys()):
+        key = TileKey(row, column)
+        same = fusions[0] == fusions[1] and hashes[0].get(column) == hashes[1].get(column)
+        one = cropped(a.tiles.patch(key), window)
+        other = one if same else cropped(b.tiles.patch(key), window)
+        held = [extent_of(patch) for patch in (one, other) if patch]
+        if held:
+            yield changes(held[0].union(held[-1]), one, other, fusions)
+
+
+def changes(window: Window, a: Patch, b: Patch, fusions: Fusions) -> Changes:
+    """Return where the cells of two grids differ in a window; one patch twice: nowhere."""
+    stored = [[spread(patch, layer, window) for layer in Layer] for patch in (a, b)]
+    in_a, in_b = ((walls != 0) | (free != 0) | (points != 0) for walls, free, points in stored)
+    moved = np.full(window.shape, fusions[0] != fusions[1])
+    for one, other in zip(*stored, strict=True) if a is not b else ():
+        moved |= one != other
+    row, column = np.nonzero(moved)
+    values = []
+    for layers, fusion in zip(stored, fusions, strict=True):
+        walls, free, points = (layer[moved] for layer in layers)
+        cells = Readout.of(walls, free, fusion)
+        point = necessity_of(points.astype(np.int64, copy=False))
+        values.append(np.stack([cells.belief, cells.plausibility, point, cells.contested]))
+    return Changes(window, in_a, in_b, row + window.row0, column + window.column0, *values)
 
 
 class Change(NamedTuple):
@@ -79,58 +107,6 @@ class Change(NamedTuple):
     quantity: str
     a: float
     b: float
-
-
-def pairs(row: int, a: Grid, b: Grid, window: Window) -> Iterator[CellPair]:
-    """Yield the tiles of a row that A or B holds; what neither knows is left out.
-
-    Equal hashes tell that no cell differs: of those tiles one is read for the two.
-    """
-    hashes = [grid.tiles.directory.hashes_of_row(row, window) for grid in (a, b)]
-    comparable = a.settings.free_fusion == b.settings.free_fusion
-    for column in sorted(hashes[0].keys() | hashes[1].keys()):
-        key = TileKey(row, column)
-        one = cropped(a.tiles.patch(key), window)
-        if comparable and hashes[0].get(column) == hashes[1].get(column):
-            if one:
-                yield CellPair(extent_of(one), one, one, equal=True)
-            continue
-        other = cropped(b.tiles.patch(key), window)
-        held = [extent_of(patch) for patch in (one, other) if patch]
-        if held:
-            yield CellPair(held[0].union(held[-1]), one, other)
-
-
-def changes(pair: CellPair, fusions: tuple[FreeFusion, FreeFusion]) -> Changes:
-    """Return where two grids differ, and by how much; ``fusions``: of A and B."""
-    if pair.equal:
-        nothing = np.zeros(0, dtype=np.intp)
-        return Changes(nothing, nothing, *np.zeros((2, len(QUANTITIES) + 1, 0)))
-    moved = np.full(pair.window.shape, fusions[0] != fusions[1])
-    for layer in Layer:
-        moved |= spread(pair.a, layer, pair.window) != spread(pair.b, layer, pair.window)
-    row, column = np.nonzero(moved)
-    a, b = (
-        _values(patch, pair.window, moved, fusion)
-        for patch, fusion in zip((pair.a, pair.b), fusions, strict=True)
-    )
-    return Changes(row + pair.window.row0, column + pair.window.column0, a, b)
-
-
-def _known(patch: Patch, window: Window) -> NDArray[np.bool_]:
-    found = np.zeros(window.shape, dtype=np.bool_)
-    for layer in patch:
-        found |= spread(patch, layer, window) != 0
-    return found
-
-
-def _values(
-    patch: Patch, window: Window, some: NDArray[np.bool_], fusion: FreeFusion
-) -> NDArray[np.float64]:
-    walls, free, points = (spread(patch, layer, window)[some] for layer in Layer)
-    cells = Readout.of(walls, free, fusion)
-    point = necessity_of(points.astype(np.int64, copy=False))
-    return np.stack([cells.belief, cells.plausibility, point, cells.contested])
 
 
 def _zeros() -> NDArray[np.int64]:
@@ -160,13 +136,12 @@ class ChangedCells:
         """Cells that A or B knows."""
         return self.in_a + self.in_b - self.in_both
 
-    def add(self, pair: CellPair, found: Changes) -> None:
+    def add(self, found: Changes) -> None:
         """Add cells, and what changes among them."""
-        a, b = pair.known()
         # int: numpy's integers are not JSON's.
-        self.in_a += int(np.count_nonzero(a))
-        self.in_b += int(np.count_nonzero(b))
-        self.in_both += int(np.count_nonzero(a & b))
+        self.in_a += int(np.count_nonzero(found.known_a))
+        self.in_b += int(np.count_nonzero(found.known_b))
+        self.in_both += int(np.count_nonzero(found.known_a & found.known_b))
         size = found.size
         for place, threshold in enumerate(THRESHOLDS):
             self.beyond[:, place] += np.count_nonzero(size > threshold, axis=1)

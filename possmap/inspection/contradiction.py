@@ -1,20 +1,26 @@
-"""How much one side's evidence contradicts the others', cell by cell (docs/audit.md).
+"""How much one excursion's evidence contradicts that of other robots, cell by cell (docs/audit.md).
 
-A side is an excursion; the others are the excursions of other robots. Both are weights of evidence
-for a wall and against it, which add up over excursions.
+Both are weights of evidence for a wall and against it, which add up over excursions.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from possmap.core.evidence import Layer
-from possmap.core.lattice import TILE, Window
-from possmap.core.patches import Patch, extent_of, spread
+from possmap.core.fusion import denial_table, stamp_layer
+from possmap.core.lattice import TILE, Window, tile_window
+from possmap.core.patches import Crop, Patch, extent_of, spread
+from possmap.core.plan import ExcursionPlan, TileWork, by_tile
+from possmap.core.pyramid import Floats, Ints
+from possmap.core.segment_table import COLUMNS
+from possmap.core.settings import EvidenceSettings
 from possmap.core.views import CellArray, Masses, Readout
 
 SQUARE = 32
@@ -24,33 +30,10 @@ FREE_COUNTS = 0.5
 """What agreeing on free space counts beside agreeing on a wall: most of a site is free."""
 
 _ACROSS = TILE // SQUARE
-_LAYERS = (Layer.WALLS, Layer.FREE)
-
-
-class Crowd:
-    """What sides say together in a window: sums, from which any of them can be taken out again."""
-
-    def __init__(self, window: Window) -> None:
-        self.window = window
-        self._weights = np.zeros((len(_LAYERS), *window.shape), dtype=np.int64)
-
-    def add(self, side: Patch) -> None:
-        """Add a side, which lies within the window."""
-        for number, layer in enumerate(_LAYERS):
-            if layer in side:
-                window, cells = side[layer]
-                self._weights[number][window.slices_in(self.window)] += cells
-
-    def without(self, other: Crowd) -> Crowd:
-        """Return what is left without some of the sides added, of the same window."""
-        left = Crowd(self.window)
-        np.subtract(self._weights, other._weights, out=left._weights)
-        return left
-
-    def around(self, window: Window) -> NDArray[np.int64]:
-        """Return the weights for a wall and against it in a part of the window."""
-        part: NDArray[np.int64] = self._weights[(slice(None), *window.slices_in(self.window))]
-        return part
+_LAYERS = (Layer.WALLS, Layer.FREE)  # singular points contradict nobody
+_MAX_ERROR, _WIDTH = COLUMNS.index("max_error"), COLUMNS.index("width")
+_MOST_KEPT = 1 << 25
+"""More is not kept of a tile [bytes]: to stamp it again takes hardly longer than to keep it."""
 
 
 class Worst(NamedTuple):
@@ -121,13 +104,16 @@ class Contradiction:
         return against / whole if whole else 0.0
 
 
-def compare(mine: Patch, others: Crowd) -> Contradiction:
-    """Compare what a side says in one tile with what the others say in the same cells."""
+def compare(mine: Patch, others: Ints, within: Window) -> Contradiction:
+    """Compare what a side says in one tile with what the others say in the same cells.
+
+    others : their weights for a wall and against it, shape (2, rows, columns) of ``within``.
+    """
     if not mine:
         return Contradiction()
     window = extent_of(mine)
     own = np.stack([spread(mine, layer, window) for layer in _LAYERS])
-    theirs = others.around(window)
+    theirs = others[(slice(None), *window.slices_in(within))]
     says = own.any(axis=0)
     cells = np.flatnonzero(says & theirs.any(axis=0))
     said = int(np.count_nonzero(says))
@@ -163,3 +149,134 @@ def _worst(window: Window, cells: NDArray[np.intp], against: CellArray) -> Worst
     inside = np.flatnonzero(square == most)
     at = inside[int(against[inside].argmax())]
     return Worst(int(row[at]), int(column[at]), float(against[at]), float(sums[most]))
+
+
+class TileSides:
+    """Excursions in one tile: stamped when asked for, and kept as far as there is room.
+
+    Attributes
+    ----------
+    window
+        The cells asked for that any of them may touch.
+    numbers
+        Of the excursions, ascending.
+    """
+
+    def __init__(
+        self, work: TileWork, first_groups: Ints, within: Window, settings: EvidenceSettings
+    ) -> None:
+        self.window = _touched(work.segments, settings.resolution).intersection(within)
+        self._works = dict(_apart(work, first_groups))
+        self.numbers = list(self._works)
+        self._settings = settings
+        self._kept: dict[int, Patch] = {}
+        self._room = _MOST_KEPT
+
+    def said(self, number: int) -> Patch:
+        """Return the weights of what an excursion says: each layer only where it says something.
+
+        Of free space too: what a denial weighs under Dempster's rule, however the grid combines.
+        """
+        if number in self._kept:
+            return self._kept[number]
+        work = self._works[number]
+        crops = {layer: self._stamped(work, layer) for layer in _LAYERS if layer in work.pieces}
+        found = {layer: crop for layer, crop in crops.items() if crop.cells.any()}
+        size = sum(crop.cells.nbytes for crop in found.values())
+        if size <= self._room:
+            self._room -= size
+            self._kept[number] = found
+        return found
+
+    def together(self, numbers: Sequence[int]) -> Ints:
+        """Return the weights that some excursions say together, shape (2, rows, columns)."""
+        whole = np.zeros((len(_LAYERS), *self.window.shape), dtype=np.int64)
+        for number in numbers:
+            for layer, (window, cells) in self.said(number).items():
+                whole[_LAYERS.index(layer)][window.slices_in(self.window)] += cells
+        return whole
+
+    def compared(self, robots: Sequence[str]) -> Iterator[tuple[int, Contradiction]]:
+        """Yield each excursion, held against what the other robots say here.
+
+        robots : of all excursions, by number.
+        """
+        teams: dict[str, list[int]] = {}
+        for number in self.numbers:
+            teams.setdefault(robots[number], []).append(number)
+        everybody = self.together(self.numbers)
+        for numbers in teams.values():
+            others = everybody - self.together(numbers)
+            for number in numbers:
+                yield number, compare(self.said(number), others, self.window)
+
+    def _stamped(self, work: TileWork, layer: Layer) -> Crop:
+        segments = work.segments[work.pieces[layer][:, 0]]
+        window = _touched(segments, self._settings.resolution).intersection(self.window)
+        cells = np.zeros(window.shape, dtype=np.int64)
+        if window.cells:
+            stamp_layer(cells, window, work, layer, self._settings)
+        if layer is Layer.FREE and self._settings.free_fusion == "minimum":
+            cells = denial_table(1.0)[cells]
+        return Crop(window, cells)
+
+
+def _touched(segments: Floats, resolution: float) -> Window:
+    """Return a window of all cells that segments may touch, and some more."""
+    half = np.minimum(segments[:, 4:8], segments[:, _MAX_ERROR, None])
+    reach = np.maximum(half[:, :2], half[:, 2:])
+    width = segments[:, _WIDTH, None]
+    # A swath reaches across and along, in any direction (core/swath.py).
+    swath = 2 * reach.sum(axis=1, keepdims=True) + np.maximum(width, resolution)
+    reach = np.where(width > 0, swath, reach)
+    ends = segments[:, [0, 1]], segments[:, [2, 3]]
+    column0, row0 = np.floor((np.minimum(*ends) - reach).min(axis=0) / resolution).tolist()
+    column1, row1 = np.ceil((np.maximum(*ends) + reach).max(axis=0) / resolution).tolist()
+    # The cell of a centre, half a cell more, and what rounding does far from the origin.
+    return Window(int(row0) - 2, int(row1) + 3, int(column0) - 2, int(column1) + 3)
+
+
+def sides_by_tile(
+    plans: Sequence[ExcursionPlan], settings: EvidenceSettings, within: Window | None
+) -> tuple[int, Iterator[TileSides]]:
+    """Return how many tiles excursions touch at most, and what they say there, by place.
+
+    Parameters
+    ----------
+    plans
+        Of each excursion; its place among them is its number.
+    within
+        Tiles and cells beyond are left out.
+    """
+    first_groups = np.cumsum([0, *(plan.groups for plan in plans)])[:-1]
+    count, works = by_tile(plans)
+
+    def tiles() -> Iterator[TileSides]:
+        for work in works:
+            cells = tile_window(work.key)
+            if within is not None:
+                cells = cells.intersection(within)
+            if cells.cells:
+                yield TileSides(work, first_groups, cells, settings)
+
+    return count, tiles()
+
+
+def _apart(work: TileWork, first_groups: Ints) -> Iterator[tuple[int, TileWork]]:
+    """Yield the part of each excursion in the work of a tile, by number."""
+    found: dict[int, dict[Layer, Ints]] = {}
+    for layer, pieces in work.pieces.items():
+        # Sorted by group, and groups by excursion.
+        owners = np.searchsorted(first_groups, pieces[:, 3], side="right") - 1
+        changes = (np.flatnonzero(owners[1:] != owners[:-1]) + 1).tolist()
+        for start, stop in pairwise([0, *changes, len(pieces)]):
+            found.setdefault(int(owners[start]), {})[layer] = pieces[start:stop]
+    for number in sorted(found):
+        # The kernel looks at all segments that it is given: of thousands of excursions, no more
+        # than its own.
+        parts = found[number]
+        lowest = min(int(some[:, 0].min()) for some in parts.values())
+        highest = max(int(some[:, 0].max()) for some in parts.values())
+        own = {layer: some - np.array([lowest, 0, 0, 0, 0, 0]) for layer, some in parts.items()}
+        segments = work.segments[lowest : highest + 1]
+        yield number, TileWork(work.key, segments, own, work.clips)

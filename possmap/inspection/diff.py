@@ -9,18 +9,17 @@ from pathlib import Path
 
 from possmap.atomic import check_output, replacing
 from possmap.core.lattice import Window
-from possmap.errors import OutputError, SettingsError, printable, shown
-from possmap.exports.job import refuse_itself
+from possmap.errors import OutputError, SettingsError, printable
+from possmap.exports.job import Metres, refuse_itself
 from possmap.grid.grid import Grid
 from possmap.grid.ledger import Entry
-from possmap.inspection.changes import Change, ChangedCells, Largest, changes, pairs
+from possmap.inspection.changes import Change, ChangedCells, Largest, changes_in_row
 from possmap.inspection.difference_picture import Canvas, raster_for
 from possmap.pictures.palettes import write_png
+from possmap.pictures.render import check_suffix
 from possmap.progress import Progress, quiet
 from possmap.release import version
 from possmap.settings.setting_table import Value
-
-Metres = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,84 +108,63 @@ def diff(
         If the picture cannot be written, or there is nothing to draw.
     """
     if picture is not None:
-        _check_picture(picture, (a, b), overwrite)
+        # Before the work rather than after it.
+        check_suffix(picture, (".png",), ".png")
+        for grid_path in (a, b):
+            refuse_itself(grid_path, picture)
+        check_output(picture, overwrite)
     with ExitStack() as stack:
         of_a, of_b = (stack.enter_context(Grid(path)) for path in (a, b))
         for grid in (of_a, of_b):
             stack.enter_context(grid.snapshot())
-        return _compared(of_a, of_b, largest, window_m, picture, overwrite, progress)
-
-
-def _check_picture(picture: Path, grids: tuple[Path, Path], overwrite: bool) -> None:
-    """Refuse a picture before the work rather than after it."""
-    if picture.suffix.lower() != ".png":
-        raise OutputError(
-            f"{printable(str(picture))}: unknown suffix {shown(picture.suffix)}, expected .png"
-        )
-    for grid in grids:
-        refuse_itself(grid, picture)
-    check_output(picture, overwrite)
-
-
-def _compared(
-    a: Grid,
-    b: Grid,
-    largest: int,
-    window_m: Metres | None,
-    picture: Path | None,
-    overwrite: bool,
-    progress: Progress,
-) -> DiffSummary:
-    if a.resolution != b.resolution:
-        raise SettingsError(
-            f"{printable(str(b.path))}: resolution {b.resolution!r}, where "
-            f"{printable(str(a.path))} has {a.resolution!r}: their cells cannot be compared"
-        )
-    digest_a, digest_b = a.digest(), b.digest()
-    window = _window(a, b, window_m)
-    canvas = None
-    if picture is not None:
-        if window is None:
-            raise OutputError(
-                f"{printable(str(picture))}: neither grid holds evidence"
-                f"{' in the window' if window_m else ''}, so there is nothing to show"
+        if of_a.resolution != of_b.resolution:
+            raise SettingsError(
+                f"{printable(str(b))}: resolution {of_b.resolution!r}, where "
+                f"{printable(str(a))} has {of_a.resolution!r}: their cells cannot be compared"
             )
-        canvas = Canvas(raster_for(window, exact=window_m is not None))
-    cells, best = ChangedCells(), Largest(largest, a.lattice)
-    differ = digest_a != digest_b
-    if window is not None and (differ or canvas is not None):
-        fusions = a.settings.free_fusion, b.settings.free_fusion
-        rows = {row for grid in (a, b) for row in grid.tiles.directory.rows(window)}
-        for row in progress(sorted(rows), "row"):
-            for pair in pairs(row, a, b, window):
-                found = changes(pair, fusions)
-                cells.add(pair, found)
-                if canvas is not None:
-                    canvas.add(pair, found)
-                best.add(found)
-    size = None
-    if picture is not None and canvas is not None:
-        image = canvas.drawn((a.path.stem, b.path.stem), a.resolution, best.chosen())
-        size = image.size
-        with replacing(picture, overwrite) as stream:
+        window = _window(of_a, of_b, window_m)
+        canvas = None
+        if picture is not None:
+            if window is None:
+                raise OutputError(
+                    f"{printable(str(picture))}: neither grid holds evidence"
+                    f"{' in the window' if window_m else ''}, so there is nothing to show"
+                )
+            canvas = Canvas(raster_for(window, exact=window_m is not None))
+        digests = of_a.digest(), of_b.digest()
+        cells, best = ChangedCells(), Largest(largest, of_a.lattice)
+        differ = digests[0] != digests[1]
+        if window is not None and (differ or canvas is not None):
+            rows = {row for grid in (of_a, of_b) for row in grid.tiles.directory.rows(window)}
+            for row in progress(sorted(rows), "row"):
+                for found in changes_in_row(row, of_a, of_b, window):
+                    cells.add(found)
+                    best.add(found)
+                    if canvas is not None:
+                        canvas.add(found)
+        size = None
+        if picture is not None and canvas is not None:
+            image = canvas.drawn((a.stem, b.stem), of_a.resolution, best.chosen())
+            size = image.size
             text = {
                 "Software": f"possmap {version()}",
-                "possmap:digests": f"{digest_a},{digest_b}",
+                "possmap:digests": ",".join(digests),
                 "possmap:view": "difference",
-                "possmap:resolution": repr(a.resolution),
+                "possmap:resolution": repr(of_a.resolution),
             }
-            write_png(image, stream, text)
-    return DiffSummary(
-        a=a.path,
-        b=b.path,
-        digest_a=digest_a,
-        digest_b=digest_b,
-        settings=_settings(a, b),
-        excursions=_excursions(a, b),
-        cells=cells if differ else None,
-        largest=best.chosen(),
-        picture=size,
-    )
+            with replacing(picture, overwrite) as stream:
+                write_png(image, stream, text)
+        return DiffSummary(
+            a=a,
+            b=b,
+            digest_a=digests[0],
+            digest_b=digests[1],
+            settings=_settings(of_a, of_b),
+            excursions=_excursions(of_a, of_b),
+            cells=cells if differ else None,
+            largest=best.chosen(),
+            picture=size,
+        )
 
 
 def _window(a: Grid, b: Grid, window_m: Metres | None) -> Window | None:

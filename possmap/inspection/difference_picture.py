@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from possmap.core.lattice import Window
-from possmap.inspection.changes import CellPair, Change, Changes
+from possmap.inspection.changes import Change, Changes
 from possmap.pictures import palettes
 from possmap.pictures.frame import Panel, framed
 from possmap.pictures.legend import ColourBar, Entry, Group, Key, box, circled
@@ -50,19 +50,19 @@ class Canvas:
         shape = (len(PANELS), *self.raster.blocks)
         self._up, self._down = np.zeros(shape, dtype=np.uint8), np.zeros(shape, dtype=np.uint8)
 
-    def add(self, pair: CellPair, found: Changes) -> None:
+    def add(self, found: Changes) -> None:
         """Add cells, and what changes among them."""
-        a, b = pair.known()
-        self.raster.raise_to(self._known, pair.window, (a | b).astype(np.uint8))
+        window = found.window
+        self.raster.raise_to(self._known, window, (found.known_a | found.known_b).view(np.uint8))
         if not found.row.size:
             return
-        at = (found.row - pair.window.row0, found.column - pair.window.column0)
+        at = (found.row - window.row0, found.column - window.column0)
         for number in range(len(PANELS)):
             level = np.rint(_STEPS * (found.b[number] - found.a[number])).astype(np.int16)
             for whole, change in ((self._up, level), (self._down, -level)):
-                cells = np.zeros(pair.window.shape, dtype=np.uint8)
+                cells = np.zeros(window.shape, dtype=np.uint8)
                 cells[at] = np.maximum(change, 0)
-                self.raster.raise_to(whole[number], pair.window, cells)
+                self.raster.raise_to(whole[number], window, cells)
 
     def indices(self, number: int) -> Indices:
         """Return the palette indices of a panel, the first row the highest y."""
@@ -128,36 +128,30 @@ def table() -> Table:
 def _paint(
     image: Image.Image, marks: Sequence[tuple[int, Place]], raster: Raster, resolution: float
 ) -> None:
-    """Draw numbers beside places, with lines to them, so that they hide no change there.
+    """Draw numbers in circles beside places, with lines to them, so that they hide no change there.
 
     A number that would lie over an earlier one is left out.
     """
-    taken: list[tuple[float, float]] = []
-    for number, place in marks:
-        x, y = raster.to_pixel(*place, resolution)
-        middle_x = x + (_AWAY if x + _AWAY + _RADIUS < image.width else -_AWAY)
-        middle_y = y + (-_AWAY if y - _AWAY - _RADIUS > 0 else _AWAY)
-        if all(math.hypot(middle_x - u, middle_y - v) > 2 * _RADIUS + 1 for u, v in taken):
-            taken.append((middle_x, middle_y))
-            _sign(image, number, (x, y), (middle_x, middle_y))
-
-
-def _sign(
-    image: Image.Image, number: int, place: tuple[float, float], middle: tuple[float, float]
-) -> None:
-    """Draw a number in a circle, and a line from there to a place [pixels]."""
-    size = 4 * _AWAY
-    left, top = (round(at - size / 2) for at in place)
-    sheet = Image.new("RGBA", (size * _FINE, size * _FINE))
+    if not marks:
+        return
+    sheet = Image.new("RGBA", (image.width * _FINE, image.height * _FINE))
     draw = ImageDraw.Draw(sheet)
     ink, paper = (*palettes.INK, 255), (*palettes.PAPER, 255)
-    (x, y), (u, v) = (((at[0] - left) * _FINE, (at[1] - top) * _FINE) for at in (place, middle))
-    draw.line((x, y, u, v), paper, 3 * _FINE)
-    draw.line((x, y, u, v), ink, _FINE)
     dot, circle = 2 * _FINE, _RADIUS * _FINE
-    draw.ellipse((x - dot, y - dot, x + dot, y + dot), ink, paper, _FINE)
-    draw.ellipse((u - circle, v - circle, u + circle, v + circle), paper, ink, _FINE)
-    letters = font(round((1.4 if number < 10 else 1.1) * circle))
-    draw.text((u, v), str(number), ink, letters, "mm")
-    sheet = sheet.resize((size, size), Image.Resampling.BOX)
-    image.paste(sheet, (left, top), sheet)
+    taken: list[Place] = []
+    for number, place in marks:
+        x, y = raster.to_pixel(*place, resolution)
+        u = x + (_AWAY if x + _AWAY + _RADIUS < image.width else -_AWAY)
+        v = y + (-_AWAY if y - _AWAY - _RADIUS > 0 else _AWAY)
+        if any(math.dist((u, v), other) <= 2 * _RADIUS + 1 for other in taken):
+            continue
+        taken.append((u, v))
+        x, y, u, v = (at * _FINE for at in (x, y, u, v))
+        draw.line((x, y, u, v), paper, 3 * _FINE)
+        draw.line((x, y, u, v), ink, _FINE)
+        draw.ellipse((x - dot, y - dot, x + dot, y + dot), ink, paper, _FINE)
+        draw.ellipse((u - circle, v - circle, u + circle, v + circle), paper, ink, _FINE)
+        letters = font(round((1.4 if number < 10 else 1.1) * circle))
+        draw.text((u, v), str(number), ink, letters, "mm")
+    sheet = sheet.resize(image.size, Image.Resampling.BOX)
+    image.paste(sheet, (0, 0), sheet)

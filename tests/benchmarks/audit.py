@@ -28,7 +28,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # for broken.py
 from broken import FAULTS
 
 from possmap.fusing.fuse import fuse
-from possmap.inspection.audit import Side, audit
+from possmap.inspection.audit import audit
+from possmap.inspection.judgement import Side
 from possmap.lab.simulate.run import simulate
 from possmap.settings.request import Request
 from possmap.settings.setting_table import parse_setting

@@ -25,9 +25,8 @@ from possmap.core.walls import Fit, Observations
 from possmap.grid.replay import replay
 from possmap.grid.selection import Selection
 from possmap.inspection.audit import Audit, audit
-from possmap.inspection.contradiction import Contradiction, Crowd, compare
-from possmap.inspection.sides import sides_by_tile
-from possmap.inspection.told import Told
+from possmap.inspection.contradiction import Contradiction, compare, sides_by_tile
+from possmap.inspection.judgement import Told
 
 Log = dict[str, Any]
 DEMPSTER = {**ROBUST, "free_fusion": "dempster", "resolution": 0.1}
@@ -45,10 +44,11 @@ def side_of(cells: Sequence[tuple[int, int, int]]) -> Patch:
 
 
 def against(one: Patch, *others: Patch) -> Contradiction:
-    crowd = Crowd(TILE_WINDOW)
+    crowd = np.zeros((2, *TILE_WINDOW.shape), dtype=np.int64)
     for other in others:
-        crowd.add(other)
-    return compare(one, crowd)
+        for layer, (window, cells) in other.items():
+            crowd[layer][window.slices_in(TILE_WINDOW)] += cells
+    return compare(one, crowd, TILE_WINDOW)
 
 
 weights = st.integers(0, 3 * UNIT)
@@ -100,19 +100,14 @@ def test_the_others_are_the_grid_without_the_robot(tmp_path: Path, honest: list[
         _, tiles = sides_by_tile(plans, grid.settings, None)
         crowds = []
         for tile in tiles:
-            everybody, own = Crowd(tile.window), Crowd(tile.window)
-            for number in tile.numbers:
-                everybody.add(tile.said(number))
-                if entries[number].robot == robot:
-                    own.add(tile.said(number))
-            crowds.append(everybody.without(own))
+            own = [number for number in tile.numbers if entries[number].robot == robot]
+            everybody = tile.together(tile.numbers)
+            crowds.append((tile.window, everybody - tile.together(own)))
     with possmap.open_grid(tmp_path / "rest.possmap") as grid:
         assert len(crowds) > 2
-        for crowd in crowds:
-            for number, layer in enumerate((Layer.WALLS, Layer.FREE)):
-                np.testing.assert_array_equal(
-                    crowd.around(crowd.window)[number], grid.tiles.read_window(layer, crowd.window)
-                )
+        for window, crowd in crowds:
+            for layer in (Layer.WALLS, Layer.FREE):
+                np.testing.assert_array_equal(crowd[layer], grid.tiles.read_window(layer, window))
 
 
 @pytest.fixture(scope="module")

@@ -68,7 +68,7 @@ def unread(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object) -> None:
         raise AssertionError("a cell was read")
 
-    monkeypatch.setattr("possmap.inspection.diff.pairs", fail)
+    monkeypatch.setattr("possmap.inspection.diff.changes_in_row", fail)
 
 
 def refused(result: Result, code: int = 1) -> str:

@@ -13,7 +13,7 @@ from possmap.core.lattice import Window
 from possmap.core.patches import Crop, cropped
 from possmap.core.pyramid import FULL
 from possmap.inspection import difference_picture as difference
-from possmap.inspection.changes import CellPair, Change, changes
+from possmap.inspection.changes import Change, changes
 from possmap.inspection.difference_picture import Canvas
 from possmap.pictures import palettes
 from possmap.pictures.raster import Raster
@@ -40,8 +40,8 @@ def canvas(
         part = Window(
             window.row0 + row, window.row0 + min(row + 3, rows), window.column0, window.column1
         )
-        pair = CellPair(part, *(cropped(patch, part) for patch in patches))
-        made.add(pair, changes(pair, ("minimum", "minimum")))
+        one, other = (cropped(patch, part) for patch in patches)
+        made.add(changes(part, one, other, ("minimum", "minimum")))
     return made
 
 

@@ -1,14 +1,31 @@
-"""What a side's own walls told of its heading, and how that sets it apart (docs/audit.md)."""
+"""Who stands out: an excursion, or a robot, beside those of the other robots (docs/audit.md)."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from possmap.core.walls import Fit, Observations
+
+LEAST_SHARE = 0.1
+"""Of its cells others must have said something, or a side is not judged."""
+LEAST_M2 = 1.0
+"""And so large must those cells be together [m²]."""
+
+ROBOT_STANDS_OUT = 3.0
+"""A robot's spell stands out that lies so many spreads above those of the other robots."""
+EXCURSION_STANDS_OUT = 8.0
+"""An excursion stands out that lies so many spreads above those of the other robots."""
+FEWEST = 5
+"""So many values of others are needed to say how far values spread."""
+LEAST_SPREAD = 0.02
+"""No spread is taken for smaller: where nobody contradicts anybody, a trifle would stand out."""
+
+_NORMAL = 1.4826
+"""What makes a median absolute deviation a standard deviation, for a normal distribution."""
 
 SURPRISING = 5.0
 """So many standard deviations above what the model expects, walls tell that it does not hold."""
@@ -90,6 +107,89 @@ class Told:
             and self.stray_deg >= STRAYS * max(LEAST_STRAY_DEG, float(np.median(strays)))
         ):
             yield "its heading strays"
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """An excursion, or all excursions of a robot, beside those of the other robots.
+
+    Attributes
+    ----------
+    robot, excursion
+        Its name; no excursion: the robot.
+    records
+        How many it has.
+    compared, share
+        Cells of which it and the others say something, and their share of its cells.
+    contradiction
+        What contradicts, of all that both commit themselves on; 0 to 1.
+    conflict
+        Mean of Dempster's K over the cells compared: the sum of the next two.
+    wall_free, free_wall
+        Its walls where the others are free, and the reverse.
+    worst
+        x and y [m] of where it contradicts most, and K there.
+    told
+        What its own walls told.
+    judged
+        Whether enough was compared.
+    above
+        How far its contradiction lies above the median of the others, in their spreads; of a robot,
+        its worst spell. None where that cannot be said.
+    reasons
+        Why somebody should look; empty: it does not stand out.
+    since
+        The first excursion of a robot's worst spell that does.
+    """
+
+    robot: str
+    excursion: str | None
+    records: int
+    compared: int
+    share: float
+    contradiction: float
+    conflict: float
+    wall_free: float
+    free_wall: float
+    worst: tuple[float, float, float] | None
+    told: Told
+    judged: bool
+    above: float | None = None
+    reasons: tuple[str, ...] = ()
+    since: str | None = None
+
+    @property
+    def stands_out(self) -> bool:
+        """Whether somebody should look."""
+        return bool(self.reasons)
+
+
+def told_apart(side: Side, sides: Sequence[Side], limit: float = EXCURSION_STANDS_OUT) -> Side:
+    """Say how far a side stands out from other robots' sides: its own share its faults."""
+    others = [one for one in sides if one.robot != side.robot]
+    reasons = []
+    above = None
+    judged = [one for one in others if one.judged]
+    if side.judged and len(judged) >= FEWEST and len({one.robot for one in judged}) > 1:
+        values = np.array([one.contradiction for one in judged])
+        median = float(np.median(values))
+        spread = max(LEAST_SPREAD, _NORMAL * float(np.median(np.abs(values - median))))
+        above = (side.contradiction - median) / spread
+        if above >= limit:
+            reasons.append("contradicts the others")
+    reasons += side.told.reasons([one.told for one in others])
+    return replace(side, above=above, reasons=tuple(reasons))
+
+
+def rank(side: Side) -> tuple[bool, bool, float, str, str]:
+    """Return what sorts sides: the most contradicting first, those not judged last."""
+    return (
+        not side.judged,
+        not side.stands_out,
+        -side.contradiction,
+        side.robot,
+        side.excursion or "",
+    )
 
 
 def _deviations(squares: float, number: int) -> float:
