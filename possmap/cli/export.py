@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,20 +13,10 @@ if TYPE_CHECKING:
     from possmap.grid.selection import Selection
 
 
-def _layer(name: str) -> str:
-    from possmap.errors import did_you_mean, shown
+def _layers() -> tuple[str, ...]:
     from possmap.exports.job import LAYERS
 
-    if name not in LAYERS:
-        guess = did_you_mean(name, LAYERS) or f", expected one of {', '.join(LAYERS)}"
-        raise click.BadParameter(f"unknown layer {shown(name)}{guess}")
-    return name
-
-
-def _layers_like(begun: str) -> list[str]:
-    from possmap.exports.job import LAYERS
-
-    return [name for name in LAYERS if name.startswith(begun)]
+    return LAYERS
 
 
 @click.command(epilog="Example: possmap export site.possmap -o site.npz")
@@ -62,9 +52,8 @@ def _layers_like(begun: str) -> list[str]:
 )
 @click.option(
     "--layer",
-    callback=lambda ctx, param, name: None if name is None else _layer(name),
+    type=options.Named("layer", _layers),
     metavar="NAME",
-    shell_complete=lambda ctx, param, begun: _layers_like(begun),
     help="What a .png shows: a view, or points.  [default: belief]",
 )
 @options.base_rate
@@ -77,14 +66,11 @@ def export(
     grid: Path,
     output: Path,
     window: tuple[float, float, float, float] | None,
-    mode: str | None,
-    occupied: float | None,
-    free: float | None,
-    layer: str | None,
     config: Path | None,
     base_rate: float | None,
     selection: Selection,
     overwrite: bool,
+    **more: Any,
 ) -> None:
     """Write a grid in a format that other programs read.
 
@@ -107,29 +93,14 @@ def export(
     from possmap.exports.export import strange_options
     from possmap.exports.job import Choices
 
-    given = {
-        name: value
-        for name, value in (
-            ("mode", mode),
-            ("occupied", occupied),
-            ("free", free),
-            ("layer", layer),
-            ("base_rate", base_rate),
-        )
-        if value is not None
-    }
-    for name, suffixes in strange_options(output, given):
+    given = {name: value for name, value in more.items() if value is not None}
+    asked = given if base_rate is None else {**given, "base_rate": base_rate}
+    for name, suffixes in strange_options(output, asked):
         raise click.UsageError(
             f"--{name.replace('_', '-')} belongs to {', '.join(suffixes)}, not to {output.suffix}."
         )
     try:
-        choices = Choices(
-            mode=mode or "trinary",
-            occupied=0.5 if occupied is None else occupied,
-            free=0.5 if free is None else free,
-            layer=layer or "belief",
-            base_rate=options.chosen_base_rate(config, base_rate),
-        )
+        choices = Choices(**given, base_rate=options.chosen_base_rate(config, base_rate))
     except ValueError as error:  # NaN lies in every range
         raise click.UsageError(str(error)) from error
     done = write(grid, output, window, overwrite, choices, selection)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+from click.shell_completion import CompletionItem
 
 if TYPE_CHECKING:
     from possmap.budget import Budget
@@ -24,6 +25,34 @@ class _Log(click.Path):
     """A log, a folder of logs, ``-`` or a grid; it exists, or the command line is wrong."""
 
     name = "log"
+
+
+class Named(click.types.StringParamType):
+    """One of some names; a misspelt one gets a guess.
+
+    what : they are names of. names : all of them, in time: to know them may take imports.
+    """
+
+    name = "name"
+
+    def __init__(self, what: str, names: Callable[[], Collection[str]]) -> None:
+        self._what, self._names = what, names
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the name if it is one."""
+        from possmap.errors import did_you_mean, shown
+
+        names = self._names()
+        if value not in names:
+            guess = did_you_mean(value, names) or f", expected one of {', '.join(names)}"
+            self.fail(f"unknown {self._what} {shown(value)}{guess}", param, ctx)
+        return value
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        """Return the names that begin so."""
+        return [CompletionItem(name) for name in self._names() if name.startswith(incomplete)]
 
 
 logs = click.argument(

@@ -37,12 +37,21 @@ class _WithNumbers(click.Command):
 @options.grid_argument
 @click.argument("x", type=float, callback=_coordinate)
 @click.argument("y", type=float, callback=_coordinate)
+@click.option(
+    "--top",
+    type=click.IntRange(min=1),
+    default=20,
+    show_default=True,
+    metavar="N",
+    help="How many records to list, those that say most; --json has all.",
+)
 @options.base_rate
 @options.as_json
 def query(
     grid: Path,
     x: float,
     y: float,
+    top: int,
     config: Path | None,
     base_rate: float | None,
     as_json: bool,
@@ -71,9 +80,11 @@ def query(
             click.echo(f"{name:<16}{value:.4f}")
     click.echo(f"point           necessity {report.views['points']:.4f}")
     click.echo(f"records         {len(report.witnesses) or 'none'}")
-    for one in report.witnesses:
+    for one in report.witnesses[:top]:
         record = f"{brief(one.robot)} {brief(one.excursion)} seq {one.seq} ({one.kind})"
         click.echo(f"  {record}: {one.says} {one.value:.4f}")
+    if len(report.witnesses) > top:
+        click.echo(f"  and {len(report.witnesses) - top} more, which say less")
 
 
 def _in_words(belief: float, plausibility: float, contested: float) -> str:

@@ -6,14 +6,14 @@ import os
 import shutil
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.grid.selection import Selection
+    from possmap.pictures.film import By
     from possmap.pictures.render import Look
 
 LAYERS = (
@@ -27,26 +27,19 @@ PALETTES = {
 }
 
 
-def _layer(name: str) -> str:
-    from possmap.errors import did_you_mean, shown
-
-    if name not in LAYERS:
-        guess = did_you_mean(name, LAYERS) or f", expected one of {', '.join(LAYERS)}"
-        raise click.BadParameter(f"unknown layer {shown(name)}{guess}")
-    return name
+_LAYER = options.Named("layer", lambda: LAYERS)
 
 
 def _palette(ctx: click.Context, _: click.Parameter, name: str) -> str:
-    from possmap.errors import did_you_mean, shown
-
     if name == "list" and not ctx.resilient_parsing:
         for known, meaning in PALETTES.items():
             click.echo(f"{known:<10}{meaning}")
         ctx.exit()
-    if name not in PALETTES:
-        guess = did_you_mean(name, PALETTES) or f", expected one of {', '.join(PALETTES)}"
-        raise click.BadParameter(f"unknown palette {shown(name)}{guess}")
-    return name
+    return str(options.Named("palette", lambda: PALETTES)(name, _, ctx))
+
+
+def _panels(ctx: click.Context, param: click.Parameter, names: str | None) -> list[str] | None:
+    return None if names is None else [_LAYER(name, param, ctx) for name in names.split(",")]
 
 
 @click.command(epilog="Example: possmap render site.possmap -o site.png")
@@ -56,19 +49,11 @@ def _palette(ctx: click.Context, _: click.Parameter, name: str) -> str:
 )
 @click.option(
     "--layer",
+    type=_LAYER,
     metavar="NAME",
-    callback=lambda ctx, param, name: None if name is None else _layer(name),
     help=f"One of {', '.join(LAYERS)}.  [default: map]",
-    shell_complete=lambda ctx, param, begun: [n for n in LAYERS if n.startswith(begun)],
 )
-@click.option(
-    "--panels",
-    metavar="A,B,...",
-    callback=lambda ctx, param, names: (
-        None if names is None else tuple(_layer(name) for name in names.split(","))
-    ),
-    help="Several layers side by side.",
-)
+@click.option("--panels", metavar="A,B,...", callback=_panels, help="Several layers side by side.")
 @click.option(
     "--palette",
     default="viridis",
@@ -109,23 +94,16 @@ def render(
     grid: Path,
     output: Path | None,
     layer: str | None,
-    panels: tuple[str, ...] | None,
-    palette: str,
-    bare: bool,
-    scale: int | None,
-    max_size: int | None,
+    panels: list[str] | None,
     window: tuple[float, float, float, float] | None,
-    tracks: bool,
-    truth: Path | None,
-    title: str | None,
-    animate: str | None,
+    animate: By | None,
     frames: int | None,
     frame_ms: int | None,
     show: bool,
     config: Path | None,
     base_rate: float | None,
-    selection: Selection,
     overwrite: bool,
+    **more: Any,
 ) -> None:
     """Draw a grid as a picture.
 
@@ -147,22 +125,15 @@ def render(
         raise click.UsageError("--frames and --frame-ms belong to --animate.")
     if animate is not None and output is None:
         raise click.UsageError("--animate needs -o OUT.gif, OUT.webp or OUT.png.")
-    if bare and (tracks or truth or title is not None):
+    if more["bare"] and (more["tracks"] or more["truth"] or more["title"] is not None):
         raise click.UsageError("--bare draws cells only: no --tracks, --truth or --title.")
-    if panels and bare:
+    if panels and more["bare"]:
         raise click.UsageError("--bare draws one layer: give --layer, not --panels.")
     look = Look(
-        layers=panels or (layer or "map",),
-        palette=palette,
-        bare=bare,
+        layers=panels or [layer or "map"],
         window_m=window,
-        scale=scale,
-        max_size=max_size,
-        tracks=tracks,
-        truth=truth,
-        title=title,
         base_rate=options.chosen_base_rate(config, base_rate),
-        selection=selection,
+        **more,
     )
     if show:
         _show(grid, look)
@@ -173,22 +144,16 @@ def render(
         from possmap.pictures.film import animate as draw_film
 
         done = draw_film(
-            grid,
-            output,
-            look,
-            "record" if animate == "record" else "excursion",
-            frames=frames,
-            frame_ms=frame_ms or 400,
-            overwrite=overwrite,
-            progress=bar,
-        )
+            grid, output, look, animate, frames=frames, frame_ms=frame_ms or 400,
+            overwrite=overwrite, progress=bar,
+        )  # fmt: skip
     else:
         from possmap.pictures.render import render as draw
 
         done = draw(grid, output, look, overwrite)
     if not ctx.obj["quiet"]:
-        film = f", {plural(done.frames, 'frame')}" if animate else ""
-        click.echo(f"{printable(str(done.output))}: {done.width} x {done.height} pixels{film}")
+        counted = f", {plural(done.frames, 'frame')}" if animate else ""
+        click.echo(f"{printable(str(done.output))}: {done.width} x {done.height} pixels{counted}")
 
 
 def _show(grid: Path, look: Look) -> None:

@@ -193,6 +193,17 @@ class Ledger:
         )
         return {number for (number,) in found}
 
+    def touching(self, key: TileKey) -> dict[int, set[int]]:
+        """Return the numbers of the records that touch a tile, by their excursions' ids."""
+        found: dict[int, set[int]] = {}
+        for identity, number in self._database.all(
+            "SELECT excursion, number FROM touched WHERE tile_row = ? AND tile_column = ?"
+            " ORDER BY excursion",
+            key,
+        ):
+            found.setdefault(identity, set()).add(number)
+        return found
+
     def known_in(self, key: TileKey) -> list[int]:
         """Return the ids of the excursions that touch a tile, sorted."""
         found = self._database.all(

@@ -49,12 +49,23 @@ def replay(
     GridError
         If its records cannot be read, or are none that can be laid out.
     """
+    version, found = laid_out(grid, entry, settings, records, refined)
+    return Replayed(version, found, plan_excursion(found, 0, settings))
+
+
+def laid_out(
+    grid: Grid,
+    entry: Entry,
+    settings: EvidenceSettings,
+    records: int | None = None,
+    refined: RefinedTrack | None = None,
+) -> tuple[PartialMap, Findings]:
+    """Return records and what they say, as ``replay`` does, but not tile by tile."""
     version = grid.ledger.version(entry, records)
     if refined is None:
         refined = grid.ledger.tracks.track(entry.identity)
     try:
-        found = findings(version, entry.model, settings, refined)
-        return Replayed(version, found, plan_excursion(found, 0, settings))
+        return version, findings(version, entry.model, settings, refined)
     except (ValueError, TypeError, ArithmeticError) as error:
         what = f"{entry.title} cannot be laid out: {printable(str(error))}"
         raise grid.database.damaged(what) from error

@@ -10,15 +10,15 @@ import numpy as np
 
 from possmap.core import kernel, views
 from possmap.core.clip import spared
-from possmap.core.evidence import Evidence, Layer
+from possmap.core.evidence import Evidence, Layer, Segment
 from possmap.core.fusion import necessity_of
-from possmap.core.lattice import TILE, TileKey, Window
+from possmap.core.lattice import TILE, Lattice, TileKey, Window
 from possmap.core.pyramid import FULL, relevant
 from possmap.core.records import KIND_OF
 from possmap.core.settings import EvidenceSettings
 from possmap.core.stamping import Piece
 from possmap.grid.grid import Grid
-from possmap.grid.replay import replay
+from possmap.grid.replay import laid_out
 
 LAYER_WORDS = {Layer.WALLS: "wall", Layer.FREE: "free", Layer.POINTS: "point"}
 
@@ -84,45 +84,50 @@ def query(path: Path, x: float, y: float, base_rate: float = 0.5) -> PointReport
 
 
 def _witnesses(grid: Grid, window: Window) -> Iterator[Witness]:
-    """Lay out again what touches the tile, and stamp its records into the one cell."""
+    """Lay out again what touches the tile, and stamp what may reach it into the one cell."""
     key = TileKey(window.row0 // TILE, window.column0 // TILE)
     settings = grid.settings
-    for identity in grid.ledger.known_in(key):
+    for identity, numbers in grid.ledger.touching(key).items():
         entry = grid.ledger.entry_of(identity)
         if entry is None:
             continue
-        numbers = grid.ledger.numbers_in(key, entry)
-        version, found, _ = replay(grid, entry, settings)
+        version, found = laid_out(grid, entry, settings)
         for one in found.evidence:
-            for number, value in _said(one, numbers, window, found.model.max_error, settings):
-                record = version.records[number]
-                yield Witness(
-                    entry.robot,
-                    entry.excursion,
-                    record.seq,
-                    KIND_OF[type(record)],
-                    LAYER_WORDS[one.layer],
-                    value / FULL,
-                )
+            for segment in one.segments:
+                if segment.record in numbers:
+                    value = _said(one, segment, window, entry.model.max_error, settings)
+                    if value:
+                        record = version.records[segment.record]
+                        kind, says = KIND_OF[type(record)], LAYER_WORDS[one.layer]
+                        name = entry.robot, entry.excursion, record.seq
+                        yield Witness(*name, kind, says, value / FULL)
 
 
 def _said(
-    evidence: Evidence,
-    numbers: set[int],
-    window: Window,
-    max_error: float,
-    settings: EvidenceSettings,
-) -> Iterator[tuple[int, int]]:
-    """Yield number and 16-bit value of each record that says something of the cell."""
-    if evidence.clip and spared(window, evidence.clip, settings.resolution).all():
-        return
-    for segment in evidence.segments:
-        if segment.record not in numbers:
-            continue
-        span = relevant(segment, settings.resolution, max_error)
-        if span is None:
-            continue
-        block = np.zeros((1, 1), dtype=np.uint16)
-        kernel.stamp(block, window, Piece(segment, *span), settings.resolution, max_error)
-        if block[0, 0]:
-            yield segment.record, int(block[0, 0])
+    one: Evidence, segment: Segment, window: Window, max_error: float, settings: EvidenceSettings
+) -> int:
+    """Return the 16-bit value that a segment gives to the cell."""
+    c = settings.resolution
+    span = None
+    if _is_near(segment, *Lattice(c).centre_of(window.row0, window.column0), c):
+        span = relevant(segment, c, max_error)
+    if span is None:
+        return 0
+    if one.clip and spared(window, one.clip, c).all():
+        return 0
+    block = np.zeros((1, 1), dtype=np.uint16)
+    kernel.stamp(block, window, Piece(segment, *span), c, max_error)
+    return int(block[0, 0])
+
+
+def _is_near(segment: Segment, x: float, y: float, resolution: float) -> bool:
+    """Whether a segment may reach a point: within its rectangles, or its swath in any direction."""
+    (half_x, half_y), (half_x1, half_y1) = segment.rect0, segment.rect1
+    half_x, half_y = max(half_x, half_x1), max(half_y, half_y1)
+    if segment.swath is not None:
+        half_x = half_y = 2 * (half_x + half_y) + segment.swath.width
+    reach_x, reach_y = half_x + 2 * resolution, half_y + 2 * resolution
+    return (
+        min(segment.x0, segment.x1) - reach_x <= x <= max(segment.x0, segment.x1) + reach_x
+        and min(segment.y0, segment.y1) - reach_y <= y <= max(segment.y0, segment.y1) + reach_y
+    )

@@ -17,7 +17,7 @@ from possmap.errors import OutputError, plural
 from possmap.grid.arrivals import with_news
 from possmap.grid.grid import Grid
 from possmap.grid.ledger import Entry
-from possmap.grid.replay import replay
+from possmap.grid.replay import laid_out
 from possmap.pictures import compose
 from possmap.pictures.layers import COVERAGE, MAP
 from possmap.pictures.raster import Raster
@@ -129,19 +129,19 @@ def _frames(
     read_back = look.bare and look.palette == "gray" and look.layers[0] != MAP
     drawn = {name: scene.drawn(name, chosen, read_back) for name in look.layers}
     known: dict[int, int] = {}
-    laid_out: dict[int, Findings] = {}
+    waiting: dict[int, Findings] = {}
     robots: set[str] = set()
     for step in progress(steps, "frame"):
         changed: set[TileKey] = set()
         for entry, upto in step.upto:
-            if entry.identity not in laid_out:
-                laid_out[entry.identity] = replay(grid, entry, settings).findings
-            found = laid_out[entry.identity].before(upto)
+            if entry.identity not in waiting:
+                waiting[entry.identity] = laid_out(grid, entry, settings)[1]
+            found = waiting[entry.identity].before(upto)
             changed |= memory.fuse(found, known.get(entry.identity, 0))
             known[entry.identity] = upto
             robots.add(entry.robot)
             if upto == entry.records:
-                del laid_out[entry.identity]
+                del waiting[entry.identity]
         for key in changed:
             part, place = chosen.around(tile_window(key))
             for name, (index, _) in drawn.items():

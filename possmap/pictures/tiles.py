@@ -15,7 +15,7 @@ from possmap.core.plan import TileWork, by_tile, plan_excursion
 from possmap.core.settings import EvidenceSettings
 from possmap.errors import OutputError
 from possmap.grid.grid import Grid
-from possmap.grid.replay import replay
+from possmap.grid.replay import laid_out
 from possmap.pictures.raster import Raster
 
 MOST_TILES = 1500
@@ -66,7 +66,7 @@ def coverage(grid: Grid, raster: Raster) -> Counts:
     settings = grid.settings
     counts: dict[TileKey, Counts] = {}
     for entry in grid.ledger.entries():
-        for work in _works(replay(grid, entry, settings).findings, 0, settings, raster.window):
+        for work in _works(laid_out(grid, entry, settings)[1], 0, settings, raster.window):
             touched = np.zeros((TILE, TILE), dtype=np.bool_)
             for cells in fuse_tile(work, {}, settings).values():
                 touched |= cells != 0

@@ -213,3 +213,14 @@ def test_an_empty_grid_is_unknown_everywhere(tmp_path: Path) -> None:
     lines = run("query", grid, 0, 0).stdout.splitlines()
     assert lines[1] == "wall            belief 0.0000, plausibility 1.0000: unknown"
     assert lines[-1] == "records         none"
+
+
+def test_only_the_records_that_say_most_are_listed_and_the_rest_counted(grid: Path) -> None:
+    lines = run("query", grid, -1.02, -0.52, "--top", 2).stdout.splitlines()
+    assert lines[-4:] == [
+        "records         6",
+        "  r1 a seq 1 (wall): wall 0.5000",
+        "  r1 a seq 2 (corner): point 0.5000",
+        "  and 4 more, which say less",
+    ]
+    assert len(json.loads(run("query", grid, -1.02, -0.52, "--json").stdout)["witnesses"]) == 6
