@@ -9,18 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner, Result
-
-from possmap.cli.main import main
+from commands import fused as fused_under
+from commands import run
 
 # Robots without errors on cells of 0.5 m. Honest ones drive along row 0, columns 0 to 9; the liar
 # drives along row 4 and says that a wall stands all along row 0.
 EXACT = {"along": 0, "across": 0, "turn_spread": 0}
 Record = dict[str, Any]
-
-
-def run(*args: object) -> Result:
-    return CliRunner().invoke(main, [str(arg) for arg in args], catch_exceptions=False)
 
 
 def drive(y: float, *seen: Record) -> list[Record]:
@@ -44,14 +39,8 @@ def log(robot: str, records: Sequence[Record], excursion: str = "a") -> dict[str
 
 
 def fused(folder: Path, *logs: dict[str, Any]) -> Path:
-    paths = [folder / f"{number}.json" for number in range(len(logs))]
-    for path, one in zip(paths, logs, strict=True):
-        path.write_text(json.dumps(one))
-    grid = folder / "site.possmap"
-    assert (
-        run("fuse", *paths, "-g", grid, "--resolution", "0.5", "--profile", "paper").exit_code == 0
-    )
-    return grid
+    options = ("--resolution", "0.5", "--profile", "paper")
+    return fused_under(folder / "site.possmap", *logs, options=options)
 
 
 @pytest.fixture
@@ -166,15 +155,6 @@ def test_an_empty_grid_has_nobody_to_judge(tmp_path: Path) -> None:
     shown = run("audit", fused(tmp_path, log("r1", []))).stdout
     assert "judged      0 of 1 robot, 0 of 1 excursion\n" in shown
     assert "  r1 a: 0 cells compared, 0.0%\n" in shown
-
-
-def test_what_is_no_grid_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "fake.possmap"
-    path.write_text("not a grid at all")
-    result = run("audit", path)
-    assert (result.stdout, result.exit_code) == ("", 1)
-    assert result.stderr.startswith(f"possmap: {path}: not a possmap grid")
-    assert result.stderr.count("\n") == 1
 
 
 @pytest.mark.parametrize(

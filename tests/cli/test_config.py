@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner, Result
+from commands import run
 from teams import digest
 
 import possmap
-from possmap.cli.main import main
 
 pytestmark = pytest.mark.default_profile
 
@@ -25,10 +24,6 @@ LOG: Any = {
         {"seq": 1, "kind": "pose", "x": 2, "y": 0, "heading": 0},
     ],
 }
-
-
-def run(*args: object) -> Result:
-    return CliRunner().invoke(main, [str(arg) for arg in args], catch_exceptions=False)
 
 
 def write(path: Path, content: Any) -> Path:
@@ -201,7 +196,7 @@ def test_later_entries_of_robots_hold_for_excursions_not_yet_known(tmp_path: Pat
     ],
 )
 def test_wrong_usage_ends_with_2(args: list[str], complaint: str) -> None:
-    result = CliRunner().invoke(main, ["config", *args])
+    result = run("config", *args)
     assert complaint in "".join(result.stderr.splitlines()[-1:])
     assert (result.stdout, result.exit_code) == ("", 2)
 
@@ -237,12 +232,6 @@ def test_robust_is_the_default_of_a_new_grid_and_an_old_one_keeps_its_own(tmp_pa
     )
     assert "expected 1 without independence: excursion" in refused.stderr
     assert (refused.exit_code, (tmp_path / "n").exists()) == (1, False)
-
-
-def test_each_profile_is_offered_with_whom_it_suits() -> None:
-    lines = run("config").output.splitlines()
-    assert lines[0].startswith("# --profile robust: robots calibrated or not")
-    assert lines[1].startswith("# --profile paper: to repeat the paper")
 
 
 def test_what_does_not_go_with_the_default_profile_is_told_of_it() -> None:

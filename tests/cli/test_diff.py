@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import json
-import sqlite3
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner, Result
+from commands import fused as fused_under
+from commands import refused, run
 from PIL import Image
 
 import possmap
-from possmap.cli.main import main
 
 LOGS = sorted((Path(__file__).parents[2] / "data/json").iterdir())
 
@@ -33,10 +32,6 @@ LATER: list[dict[str, Any]] = [
 ]
 
 
-def run(*args: object) -> Result:
-    return CliRunner().invoke(main, [str(arg) for arg in args], catch_exceptions=False)
-
-
 def log(
     records: Sequence[dict[str, Any]], robot: str = "r1", model: dict[str, Any] = EXACT
 ) -> dict[str, Any]:
@@ -45,12 +40,7 @@ def log(
 
 
 def fused(path: Path, *logs: dict[str, Any], settings: Sequence[str] = ()) -> Path:
-    paths = [path.with_name(f"{path.stem}-{number}.json") for number in range(len(logs))]
-    for file, one in zip(paths, logs, strict=True):
-        file.write_text(json.dumps(one))
-    result = run("fuse", *paths, "-g", path, "--resolution", "0.5", *settings)
-    assert result.exit_code == 0, result.output
-    return path
+    return fused_under(path, *logs, options=("--resolution", "0.5", *settings))
 
 
 @pytest.fixture
@@ -69,15 +59,6 @@ def unread(monkeypatch: pytest.MonkeyPatch) -> None:
         raise AssertionError("a cell was read")
 
     monkeypatch.setattr("possmap.inspection.diff.changes_in_row", fail)
-
-
-def refused(result: Result, code: int = 1) -> str:
-    """Return what a refusal says, after checking that it is one."""
-    assert (result.stdout, result.exit_code) == ("", code)
-    if code == 1:
-        assert result.stderr.startswith("possmap: ") and result.stderr.count("\n") == 1
-        return result.stderr.removeprefix("possmap: ").removesuffix("\n")
-    return result.stderr.splitlines()[-1].removeprefix("Error: ")
 
 
 def test_two_grids_are_compared_line_by_line(grids: tuple[Path, Path]) -> None:
@@ -263,24 +244,6 @@ def test_different_resolutions_are_refused(grids: tuple[Path, Path], tmp_path: P
     assert refused(run("diff", a, coarse)) == (
         f"{coarse}: resolution 1.0, where {a} has 0.5: their cells cannot be compared"
     )
-
-
-@pytest.mark.parametrize("place", [0, 1])
-def test_what_is_no_grid_is_refused_on_either_side(
-    place: int, grids: tuple[Path, Path], tmp_path: Path
-) -> None:
-    for damage, complaint in (
-        ("UPDATE cells SET data = x'0102'", "{}: damaged: tile "),
-        ("PRAGMA user_version = 99", "{}: format 99 is newer than this program reads "),
-    ):
-        both = list(grids)
-        with sqlite3.connect(both[place]) as database:
-            database.execute(damage)
-        assert refused(run("diff", *both)).startswith(complaint.format(both[place]))
-    both[place] = tmp_path / "a-0.json"
-    assert refused(run("diff", *both)) == f"{both[place]}: not a possmap grid"
-    both[place] = tmp_path / "no.possmap"
-    assert "does not exist" in refused(run("diff", *both), 2)
 
 
 def test_a_picture_is_drawn_and_its_size_said(grids: tuple[Path, Path], tmp_path: Path) -> None:

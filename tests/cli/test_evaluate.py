@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from commands import run
 from PIL import Image
-
-from possmap.cli.main import main
 
 DATA = Path(__file__).parents[2] / "data"
 
@@ -53,10 +51,6 @@ TRUTH: dict[str, Any] = {
     ],
     "meetings": [],
 }
-
-
-def run(*args: object) -> Result:
-    return CliRunner().invoke(main, [str(arg) for arg in args], catch_exceptions=False)
 
 
 def fused(folder: Path, log: dict[str, Any] = LOG, *options: object, name: str = "site") -> Path:

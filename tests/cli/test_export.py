@@ -8,9 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
-
-from possmap.cli.main import main
+from commands import fused, run
 
 # A robot without errors, 0.5 m cells: it drives from cell (0, 0) to (row 0, column 2), sees a wall
 # in row 2, columns -2 to 0, and a bump in (row -1, column 3).
@@ -35,16 +33,9 @@ DRAWN = [  # the highest y first; a row more below
 ]
 
 
-def run(*args: object) -> Result:
-    return CliRunner().invoke(main, [str(arg) for arg in args], catch_exceptions=False)
-
-
 @pytest.fixture
 def grid(tmp_path: Path) -> Path:
-    path, log = tmp_path / "site.possmap", tmp_path / "a.json"
-    log.write_text(json.dumps(LOG))
-    assert run("fuse", log, "-g", path, "--resolution", "0.5").exit_code == 0
-    return path
+    return fused(tmp_path / "site.possmap", LOG, options=("--resolution", "0.5"))
 
 
 def drawn(path: Path) -> list[str]:
@@ -86,34 +77,6 @@ def test_a_window_may_be_smaller_or_larger_and_outside_is_ignorance(
     assert drawn(out) == ["?", "?"]
 
 
-def test_the_same_grid_gives_the_same_bytes(grid: Path, tmp_path: Path) -> None:
-    one, other = tmp_path / "1.npz", tmp_path / "2.NPZ"
-    run("export", grid, "-o", one)
-    run("export", grid, "-o", other)
-    assert one.read_bytes() == other.read_bytes()
-
-
-def test_an_existing_output_is_replaced_only_with_overwrite(grid: Path, tmp_path: Path) -> None:
-    out = tmp_path / "site.npz"
-    out.write_text("precious")
-    result = run("export", grid, "-o", out)
-    expected = f"possmap: {out}: exists already; --overwrite replaces it\n"
-    assert (result.stderr, result.stdout, result.exit_code) == (expected, "", 1)
-    assert out.read_text() == "precious"
-    assert run("export", grid, "-o", out, "--overwrite").exit_code == 0
-    assert drawn(out) == DRAWN
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json", "site.npz", grid.name]
-
-
-def test_the_grid_itself_is_never_replaced(grid: Path, tmp_path: Path) -> None:
-    named_so = tmp_path / "grid.npz"
-    grid.rename(named_so)
-    before = named_so.read_bytes()
-    result = run("export", named_so, "-o", named_so, "--overwrite")
-    assert named_so.read_bytes() == before
-    assert result.exit_code == 1
-
-
 def test_quiet_prints_nothing(grid: Path, tmp_path: Path) -> None:
     result = run("-q", "export", grid, "-o", tmp_path / "site.npz")
     assert (result.output, result.exit_code) == ("", 0)
@@ -139,7 +102,7 @@ def test_an_output_that_cannot_be_is_refused_in_one_line(
 ) -> None:
     out = tmp_path / name
     before = sorted(tmp_path.iterdir())
-    result = CliRunner().invoke(main, ["export", str(grid), "-o", str(out)])
+    result = run("export", grid, "-o", out)
     assert result.stderr.startswith(f"possmap: {out}: ") and result.stderr.count("\n") == 1
     if complaint:
         assert result.stderr.endswith(complaint.format(folder=out.parent) + "\n")
@@ -195,11 +158,6 @@ def test_more_than_a_thousand_million_cells_are_refused_with_advice(tmp_path: Pa
 )
 def test_a_window_that_is_none_is_wrong_usage(window: str, grid: Path, tmp_path: Path) -> None:
     out = tmp_path / "site.npz"
-    result = CliRunner().invoke(main, ["export", str(grid), "-o", str(out), "--window", window])
+    result = run("export", grid, "-o", out, "--window", window)
     assert f"found '{window}', expected " in result.stderr
     assert (result.stdout, result.exit_code, out.exists()) == ("", 2, False)
-
-
-def test_the_output_must_be_named(grid: Path) -> None:
-    result = run("export", grid)
-    assert "Missing option '-o' / '--output'" in result.stderr and result.exit_code == 2

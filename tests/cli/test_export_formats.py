@@ -13,12 +13,10 @@ from pathlib import Path
 
 import map_server
 import pytest
-from click.testing import CliRunner, Result
+from commands import files, refused, run
 from maps import cells_of, drawn_grid, write_grid
 
-from possmap.cli.main import main
 from possmap.exports.export import FORMATS
-from possmap.exports.job import Choices
 from possmap.grid.grid import Grid
 
 DRAWN = ["###", "#.?", "!?7"]
@@ -30,24 +28,9 @@ EXTRAS = [
 ]
 
 
-def run(*args: object) -> Result:
-    return CliRunner().invoke(main, [str(arg) for arg in args], catch_exceptions=False)
-
-
 @pytest.fixture
 def grid(tmp_path: Path) -> Path:
     return drawn_grid(tmp_path / "site.possmap", DRAWN, -1, -2)
-
-
-def files(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
-
-
-def refused(result: Result) -> str:
-    """Return why the input was refused: one line, exit code 1, no result."""
-    assert (result.stdout, result.exit_code) == ("", 1)
-    assert result.stderr.startswith("possmap: ") and result.stderr.count("\n") == 1
-    return result.stderr.removeprefix("possmap: ").rstrip("\n")
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -304,16 +287,6 @@ def test_a_name_that_is_not_utf_8_cannot_stand_in_yaml(grid: Path, tmp_path: Pat
     why = refused(run("export", grid, "-o", out))
     assert why.endswith(".yaml: its name is not UTF-8, expected one for YAML")
     assert set(files(tmp_path)) == {grid.name}
-
-
-def test_choices_hold_only_what_makes_sense() -> None:
-    for wrong in (
-        {"mode": "grey"}, {"layer": "map"}, {"occupied": 0.0}, {"occupied": float("nan")},
-        {"free": 1.0}, {"free": -0.1}, {"base_rate": 1.0},
-    ):  # fmt: skip
-        (name,) = wrong
-        with pytest.raises(ValueError, match=f"^{name}, found .*, expected "):
-            Choices(**wrong)
 
 
 def test_geojson_is_json_for_any_reader(grid: Path, tmp_path: Path) -> None:

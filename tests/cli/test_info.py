@@ -12,17 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner, Result
+from commands import run
 
-from possmap.cli.main import main
 from possmap.grid.opening import EMPTY
 from possmap.release import version
 
 EXACT = {"along": 0, "across": 0, "turn_spread": 0}  # a robot that makes no errors
-
-
-def run(*args: object) -> Result:
-    return CliRunner().invoke(main, [str(arg) for arg in args], catch_exceptions=False)
 
 
 def bumps(robot: str, excursion: str, *places: tuple[float, float], **more: Any) -> Any:
@@ -169,15 +164,6 @@ def test_one_of_a_thing_is_told_in_the_singular(tmp_path: Path) -> None:
     assert ", 1 tile\n" in run("info", fused(folder, log)).stdout
 
 
-def test_the_order_of_the_logs_does_not_change_the_digest(tmp_path: Path) -> None:
-    digests = []
-    for name, logs in (("there", team()), ("back", team()[::-1])):
-        (tmp_path / name).mkdir()
-        grid = fused(tmp_path / name, *logs)
-        digests.append(json.loads(run("info", grid, "--json").stdout)["digest"])
-    assert digests[0] == digests[1]
-
-
 def test_looking_changes_nothing(tmp_path: Path) -> None:
     grid = fused(tmp_path, *team())
     before = grid.read_bytes(), sorted(tmp_path.iterdir())
@@ -220,9 +206,3 @@ def test_what_is_no_grid_is_refused(content: bytes, complaint: str, tmp_path: Pa
     assert (result.stderr, result.stdout) == (f"possmap: {path}: {complaint}\n", "")
     assert result.exit_code == 1
     assert path.read_bytes() == content
-
-
-def test_a_missing_grid_and_a_folder_are_wrong_usage(tmp_path: Path) -> None:
-    for path, complaint in ((tmp_path / "no.possmap", "does not exist"), (tmp_path, "directory")):
-        result = run("info", path)
-        assert complaint in result.stderr and (result.stdout, result.exit_code) == ("", 2)

@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner, Result
-
-from possmap.cli.main import main
+from commands import fused, run
 
 # A robot that is ±0.5 m unsure of where it starts and certain of all else looks at one point,
 # (-1.02, -0.52), in every way there is, and then drives through it. So each record says 0.5 of it.
@@ -37,16 +35,9 @@ LOOKED_AT: Any = {
 }
 
 
-def run(*args: object) -> Result:
-    return CliRunner().invoke(main, [str(arg) for arg in args], catch_exceptions=False)
-
-
 @pytest.fixture
 def grid(tmp_path: Path) -> Path:
-    path, log = tmp_path / "site.possmap", tmp_path / "a.json"
-    log.write_text(json.dumps(LOOKED_AT))
-    assert run("fuse", log, "-g", path, "--set", "free_along_beams=true").exit_code == 0
-    return path
+    return fused(tmp_path / "site.possmap", LOOKED_AT, options=("--set", "free_along_beams=true"))
 
 
 def test_a_point_is_told_with_every_view_and_every_kind_of_record(grid: Path) -> None:

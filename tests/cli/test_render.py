@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from commands import files, fused, refused, run
 from PIL import Image
 
 import possmap.pictures.film
 import possmap.pictures.render
 from possmap.cli import render as cli_render
-from possmap.cli.main import main
 
 # A robot without errors, 0.5 m cells: it drives from cell (0, 0) to (row 0, column 2), sees a wall
 # in row 2, columns -2 to 0, and a bump in (row -1, column 3).
@@ -38,31 +37,9 @@ LAYERS = (
 IS_NONE = f'unknown layer "", expected one of {LAYERS}'
 
 
-def run(*args: object, env: dict[str, str | None] | None = None) -> Result:
-    return CliRunner().invoke(main, [str(arg) for arg in args], catch_exceptions=False, env=env)
-
-
 @pytest.fixture
 def grid(tmp_path: Path) -> Path:
-    path, log = tmp_path / "site.possmap", tmp_path / "a.json"
-    log.write_text(json.dumps(LOG))
-    assert run("fuse", log, "-g", path, "--resolution", "0.5").exit_code == 0
-    return path
-
-
-def files(folder: Path) -> list[str]:
-    return sorted(path.name for path in folder.iterdir())
-
-
-def refused(result: Result, code: int) -> str:
-    """Return what a refusal says, after checking that it is one."""
-    assert (result.stdout, result.exit_code) == ("", code)
-    if code == 1:
-        assert result.stderr.startswith("possmap: ") and result.stderr.count("\n") == 1
-        return result.stderr.removeprefix("possmap: ").removesuffix("\n")
-    usage, hint, blank, error = result.stderr.splitlines()
-    assert usage.startswith("Usage: ") and hint.startswith("Try ") and not blank
-    return error.removeprefix("Error: ")
+    return fused(tmp_path / "site.possmap", LOG, options=("--resolution", "0.5"))
 
 
 def test_a_picture_is_written_and_its_size_said(grid: Path, tmp_path: Path) -> None:
@@ -72,7 +49,7 @@ def test_a_picture_is_written_and_its_size_said(grid: Path, tmp_path: Path) -> N
         width, height = image.size
     assert result.stdout == f"{out}: {width} x {height} pixels\n"
     assert (result.stderr, result.exit_code) == ("", 0)
-    assert files(tmp_path) == ["a.json", "site.png", "site.possmap"]
+    assert list(files(tmp_path)) == ["site-0.json", "site.png", "site.possmap"]
 
 
 def test_bare_gray_pixels_are_values_and_the_first_row_is_the_highest_y(
@@ -177,7 +154,7 @@ def test_an_empty_grid_has_no_picture(
     run("fuse", "a.json", "-g", "empty.possmap")
     said = refused(run("render", "empty.possmap", *args), 1)
     assert said == "empty.possmap: holds no evidence, so there is nothing to show"
-    assert files(tmp_path) == ["a.json", "empty.possmap"]
+    assert list(files(tmp_path)) == ["a.json", "empty.possmap"]
 
 
 @pytest.mark.parametrize(("args", "complaint"), [
@@ -265,15 +242,6 @@ def test_a_picture_that_fails_half_way_leaves_nothing_behind(
     assert not existing or out.read_text() == "precious"
 
 
-def test_what_is_no_grid_is_refused(tmp_path: Path) -> None:
-    log = tmp_path / "a.json"
-    log.write_text(json.dumps(LOG))
-    assert refused(run("render", log, "-o", tmp_path / "x.png"), 1).startswith(f"{log}: ")
-    assert files(tmp_path) == ["a.json"]
-    missing = refused(run("render", tmp_path / "no.possmap", "-o", tmp_path / "x.png"), 2)
-    assert "does not exist" in missing
-
-
 def test_show_prints_letters_where_there_is_no_terminal(grid: Path) -> None:
     result = run("render", grid, "--show")
     assert result.stdout == "###\n  ...#\n"
@@ -308,11 +276,6 @@ def test_show_has_colour_on_a_terminal_that_wants_it(
     assert ("\x1b[38;2;" in shown) == colour
     assert shown.count("▀") == (12 if colour else 0)
     assert shown.endswith("\n") and shown.count("\n") == 2
-
-
-def test_show_and_a_picture_go_together(grid: Path, tmp_path: Path) -> None:
-    result = run("render", grid, "--show", "-o", tmp_path / "x.png", "--layer", "necessity")
-    assert result.stdout.startswith("999\n") and (tmp_path / "x.png").exists()
 
 
 def test_the_help_names_every_layer_and_an_example() -> None:

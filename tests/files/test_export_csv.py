@@ -6,7 +6,6 @@ import csv
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import settings as budget
@@ -66,11 +65,3 @@ def test_the_lines_are_the_cells_in_order(cells: Pairs, at_once: int) -> None:
         assert (x, y) == pytest.approx(centre_of(int(row), int(column)), abs=1e-9)
         at = int(row) - window.row0, int(column) - window.column0
         assert values == pytest.approx([view[at] for view in views], abs=1e-8)
-
-
-def test_numpy_reads_it_as_it_is(tmp_path: Path) -> None:
-    path = drawn_grid(tmp_path / "site.possmap", ["##", "#."])
-    export(path, tmp_path / "site.csv")
-    table = np.genfromtxt(tmp_path / "site.csv", delimiter=",", names=True, skip_header=6)
-    assert table.dtype.names == tuple(HEAD)
-    assert table["necessity"].round(6).tolist() == [1, 0, 1, 1]

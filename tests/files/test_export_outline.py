@@ -122,19 +122,6 @@ def test_a_hole_that_touches_the_outside_at_a_corner_stays_a_hole() -> None:
     assert area(found.shell) == 11
 
 
-def test_an_island_in_a_lake_is_a_polygon_of_its_own() -> None:
-    drawn = ["#####", "#...#", "#.#.#", "#...#", "#####"]
-    found = polygons(marks(drawn), 2)
-    assert [(area(one.shell), [area(hole) for hole in one.holes]) for one in found] == [
-        (25, [-9]),
-        (1, []),
-    ]
-
-
-def test_nothing_marked_has_no_outline() -> None:
-    assert polygons(np.zeros((2, 3), dtype=np.bool_)) == []
-
-
 def test_outlines_too_long_for_memory_are_noticed_before_it_is_full(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

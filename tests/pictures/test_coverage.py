@@ -99,11 +99,3 @@ def test_a_block_shows_its_most_covered_cell(tmp_path: Path) -> None:
     fuse(write_logs(tmp_path / "logs", [A, B, C]), grid, SETTINGS)
     every, some = drawn(grid), drawn(grid, max_size=9)
     assert max(some.shape) <= 9 and some.max() == every.max() == 3
-
-
-def test_the_shipped_data_is_covered_by_five_excursions_at_home(tmp_path: Path) -> None:
-    data = Path(__file__).parents[2] / "data" / "json"
-    possmap.fuse(data, tmp_path / "site")
-    assert drawn(tmp_path / "site").max() == 5
-    home = drawn(tmp_path / "site", window_m=(0.0, 0.0, 0.05, 0.05))
-    assert home.tolist() == [[5]]

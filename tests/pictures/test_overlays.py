@@ -68,17 +68,6 @@ def test_true_walls_and_tracks_run_from_end_to_end(chosen: Raster) -> None:
         assert set(range(round(x) + 2, round(x2) - 2)) <= set(columns.tolist())  # continuous
 
 
-def test_to_pixel_agrees_with_the_cells() -> None:
-    chosen = Raster(Window(-30, 50, -70, 20), 1, 4)
-    assert chosen.to_pixel(-7.0, 5.0, RESOLUTION) == pytest.approx((0, 0))
-    assert chosen.to_pixel(2.0, -3.0, RESOLUTION) == pytest.approx(chosen.size)
-    assert chosen.to_pixel(0.05, 0.05, RESOLUTION) == pytest.approx((70 * 4 + 2, 49 * 4 + 2))
-
-
-def test_nothing_to_draw_changes_no_pixel() -> None:
-    assert not painted(Overlays(), RASTERS[0]).any()
-
-
 def test_each_robot_has_a_colour_of_its_own() -> None:
     what = Overlays(tracks=[(f"r{number}", [[(0.0, 0.0), (1.0, 1.0)]]) for number in range(12)])
     colours = [colour for _, colour in what.robot_colours()]

@@ -70,11 +70,6 @@ def test_metadata_lead_from_a_pixel_back_to_its_place(site: Path, tmp_path: Path
         assert np.rint(255 * grid.necessity(block).max()) == pixels.max()
 
 
-def test_panels_are_named_in_the_metadata(site: Path, tmp_path: Path) -> None:
-    render(site, tmp_path / "a.png", Look(layers=("map", "conflict")))
-    assert texts(tmp_path / "a.png")["possmap:view"] == "map,conflict"
-
-
 @pytest.mark.parametrize("look", [
     Look(), Look(bare=True), Look(layers=("map", "coverage"), tracks=True),
     Look(layers=("necessity",), palette="gray", bare=True),

@@ -51,24 +51,6 @@ def test_what_lies_beyond_the_axes_is_drawn_at_their_ends_and_nothing_outside() 
     assert columns.min() >= left and columns.max() <= right
 
 
-def test_powers_of_ten_are_evenly_spaced_and_nothing_is_at_the_lower_end() -> None:
-    axis = Axis("m", 0.001, 10, log=True)
-    assert [axis.share(v) for v in (0.0, 0.001, 0.1, 10, 99)] == pytest.approx([0, 0, 0.5, 1, 1])
-    assert [text for _, text in axis.labels()] == ["0.001", "0.01", "0.1", "1", "10"]
-
-
-def test_a_dashed_line_has_gaps_and_a_whole_one_has_none() -> None:
-    def share(dash: int) -> float:
-        line = Series("", [(0.0, 0.5), (1.0, 0.5)], RED, "none", dash=dash)
-        picture = Chart("", UNIT, UNIT, [line]).drawn((400, 300), 0)
-        left, top, right, bottom = plot_area(picture)
-        row = np.asarray(picture, dtype=int)[(top + bottom) // 2, left + 2 : right - 1]
-        return float((np.abs(row - RED) < 120).all(axis=1).mean())
-
-    assert share(0) == 1
-    assert 0.35 < share(5) < 0.65
-
-
 def method(value: float | None) -> MethodScore:
     curve = Curve(np.array([0.4, 0.8]), np.array([1, 0.5]), np.array([0.6, 0.6]))
     whole = None if value is None else curve

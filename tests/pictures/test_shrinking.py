@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from possmap.core.evidence import Layer
 from possmap.core.fusion import CERTAIN
-from possmap.core.lattice import Window, joined, tiles_of
+from possmap.core.lattice import Window
 from possmap.core.patches import Crop, Patch
 from possmap.core.pyramid import FULL
 from possmap.pictures import compose, raster
@@ -152,18 +152,3 @@ def test_what_is_unknown_hides_nothing_that_is_known_beside_it(shrink: int, seed
     for layer in ("map", "necessity", "possibility", "probability"):
         shown = (coloured(sketch, layer, raster.Raster(window, shrink)) != unknown).any(axis=2)
         np.testing.assert_array_equal(shown, blocks, err_msg=layer)
-
-
-@pytest.mark.parametrize("shrink", [1, 2, 3, 100, 300])
-def test_blocks_that_tiles_share_become_one_value(shrink: int) -> None:
-    window = Window(
-        -2 * shrink, (300 // shrink + 1) * shrink, -shrink, (700 // shrink + 1) * shrink
-    )
-    chosen = raster.Raster(window, shrink)
-    cells = np.random.default_rng(shrink).integers(1, 2**30, window.shape)
-    found = np.zeros(chosen.blocks, dtype=np.int64)
-    for part in joined(tiles_of(window), window):
-        chosen.raise_to(found, part, cells[part.slices_in(window)])
-    rows, columns = chosen.blocks
-    whole = cells.reshape(rows, shrink, columns, shrink).max(axis=(1, 3))
-    np.testing.assert_array_equal(found, whole)
