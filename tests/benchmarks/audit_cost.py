@@ -2,10 +2,10 @@
 
 *honest* is 50 logs of a kilometre each in one hall; *far apart* 15,000 excursions of half a metre,
 nearly each in a tile of its own; *on one place* 15,000 excursions whose rectangles each cover 24 ×
-24 m of the same floor. Each is one process with ``--memory`` as it comes: CPU time and wall time
-are medians, start included, and memory the most of any.
+24 m of the same floor. Each is one process: CPU time and wall time are medians, start included, and
+memory the most of any.
 
-    python tests/benchmarks/audit_cost.py [--rounds 3] [--excursions 15000]
+    python tests/benchmarks/audit_cost.py [--rounds 3] [--excursions 15000] [--kilometres 50]
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ SIDE_M = 9400.0
 Log = dict[str, Any]
 
 
-def honest() -> list[Log]:
-    return [{**the_km(seed), "robot": f"km{seed}"} for seed in range(50)]
+def honest(count: int) -> list[Log]:
+    return [{**the_km(seed), "robot": f"km{seed}"} for seed in range(count)]
 
 
 def far_apart(count: int) -> list[Log]:
@@ -73,9 +73,9 @@ def audited(grid: Path) -> tuple[float, float, float]:
     return used.ru_utime + used.ru_stime, time.perf_counter() - begin, used.ru_maxrss / 1024
 
 
-def report(folder: Path, rounds: int, count: int) -> Iterator[str]:
+def report(folder: Path, rounds: int, count: int, kilometres: int) -> Iterator[str]:
     sites = {
-        "honest": honest(),
+        "honest": honest(kilometres),
         "far apart": far_apart(count),
         "on one place": on_one_place(count),
     }
@@ -103,9 +103,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--excursions", type=int, default=15_000)
+    parser.add_argument("--kilometres", type=int, default=50)
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
-        sys.stdout.write("\n".join(report(Path(name), asked.rounds, asked.excursions)) + "\n")
+        lines = report(Path(name), asked.rounds, asked.excursions, asked.kilometres)
+        sys.stdout.write("\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """What each export costs: whole processes on 4000 × 4000 known cells, and their peak memory.
 
-python tests/benchmarks/export_map.py [--runs 3]
+python tests/benchmarks/export_map.py [--runs 3] [--tiny]
 """
 
 from __future__ import annotations
@@ -10,9 +10,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from render_map import known, median, write
+from render_map import KNOWN, known, median, write
 
-WINDOW = ["--window", "0,0,200,200"]  # 4000 × 4000 cells of 5 cm
 JOBS = (
     (".npz", []),
     (".yaml", []),
@@ -23,8 +22,8 @@ JOBS = (
     (".png", []),
     (".svg", []),
     (".dxf", []),
-    (".bt", ["--memory", "8192"]),
-    (".ot", ["--memory", "8192"]),
+    (".bt", ["--window", "0,0,20,20"]),  # at most 2 million voxels
+    (".ot", ["--window", "0,0,20,20"]),
 )
 
 
@@ -32,18 +31,20 @@ def main() -> None:
     """Measure, and print a table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=3)
-    runs = parser.parse_args().runs
+    parser.add_argument("--tiny", action="store_true", help="a few tiles, to see that it runs")
+    asked = parser.parse_args()
+    window = ["--window", "0,0,20,20" if asked.tiny else "0,0,200,200"]  # 4000 × 4000 cells of 5 cm
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        grid = write(folder / "known.possmap", known())
+        grid = write(folder / "known.possmap", known(2 if asked.tiny else KNOWN))
         sys.stdout.write("| format | seconds | peak MiB | file MiB |\n| --- | --- | --- | --- |\n")
         for suffix, options in JOBS:
             out = folder / f"out{suffix}"
             command = [
                 *(sys.executable, "-m", "possmap", "-q", "export", str(grid), "-o", str(out)),
-                *("--overwrite", *WINDOW, *options),
+                *("--overwrite", *window, *options),
             ]
-            seconds, memory = median(runs, command)
+            seconds, memory = median(asked.runs, command)
             size = sum(path.stat().st_size for path in folder.glob("out.*")) / 2**20
             title = " ".join([f"`{suffix}`", *options])
             sys.stdout.write(f"| {title} | {seconds:.1f} | {memory:.0f} | {size:.1f} |\n")
