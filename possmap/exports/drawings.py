@@ -160,6 +160,7 @@ def _show_all(drawing: Any, job: Job) -> None:
     """Have programs open the drawing on all of it, wherever it lies, with points that are seen."""
     (x0, y0), (rows, columns), c = job.origin, job.window.shape, job.grid.resolution
     x1, y1 = x0 + columns * c, y0 + rows * c
-    drawing.header["$EXTMIN"], drawing.header["$EXTMAX"] = (x0, y0, 0), (x1, y1, 0)
-    drawing.header["$PDMODE"], drawing.header["$PDSIZE"] = _CROSS, 2 * c
-    drawing.set_modelspace_vport(1.1 * max(x1 - x0, y1 - y0), ((x0 + x1) / 2, (y0 + y1) / 2))
+    size = max(x1 - x0, y1 - y0)
+    drawing.modelspace().reset_extents((x0, y0, 0), (x1, y1, 0))  # the library makes the header's
+    drawing.header["$PDMODE"], drawing.header["$PDSIZE"] = _CROSS, max(2 * c, size / 100)
+    drawing.set_modelspace_vport(1.1 * size, ((x0 + x1) / 2, (y0 + y1) / 2))

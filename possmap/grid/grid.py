@@ -85,6 +85,7 @@ class Grid:
         self.budget = budget
         self.database = self._database = Database(self.path, write)
         self._digest: tuple[tuple[int, int], str] | None = None
+        self._settings: tuple[tuple[int, int], EvidenceSettings] | None = None
         self.ledger = Ledger(self._database)
         self.tiles = TileStore(self._database)
 
@@ -114,7 +115,10 @@ class Grid:
     @property
     def settings(self) -> EvidenceSettings:
         """The settings that shape evidence, those of the first fuse."""
-        return assemble(self.stored_settings()).evidence
+        state = self._database.state()
+        if self._settings is None or self._settings[0] != state:
+            self._settings = state, assemble(self.stored_settings()).evidence
+        return self._settings[1]
 
     @property
     def robots(self) -> RobotModels:

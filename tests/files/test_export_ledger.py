@@ -289,3 +289,17 @@ def test_walls_in_cad_are_closed_lines_around_the_cells(tmp_path: Path) -> None:
         (-2, -1.5), (-0.5, -1.5), (-0.5, 0), (-2, 0),
     ]  # fmt: skip
     assert sorted(hole.get_points("xy"))[0] == (-1.5, -1)  # type: ignore[attr-defined]
+
+
+def test_a_cad_program_opens_a_site_far_from_the_origin_on_all_of_it(tmp_path: Path) -> None:
+    from ezdxf.filemanagement import readfile
+
+    grid = drawn_grid(tmp_path / "site.possmap", ["##.", "#.?"], 1_082_200, 896_420)
+    out = tmp_path / "site.dxf"
+    export(grid, out)
+    drawing = readfile(out)
+    low, high = (448210, 541100), (448211.5, 541101)
+    assert drawing.header["$EXTMIN"][:2] == low and drawing.header["$EXTMAX"][:2] == high
+    (view,) = drawing.viewports.get("*Active")
+    assert tuple(view.dxf.center)[:2] == (448210.75, 541100.5) and 1.5 < view.dxf.height < 2
+    assert 0.01 <= drawing.header["$PDSIZE"] / view.dxf.height  # points are seen, not single pixels
