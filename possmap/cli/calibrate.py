@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +15,9 @@ from possmap.cli import options
 
 if TYPE_CHECKING:
     from possmap.lab.calibrate.estimates import ParameterEstimate
-    from possmap.lab.calibrate.results import Calibration, RobotResult
-    from possmap.lab.calibrate.run import CalibrationRequest
+    from possmap.lab.calibrate.held_out import LegScore, Score
+    from possmap.lab.calibrate.robots import Calibration, RobotResult
+    from possmap.lab.calibrate.run import CalibrationRequest, Judgement
 
 UNITS = {
     "along": "m/m", "across": "m/m", "turn_bias": "deg/45", "turn_gain": "", "turn_noise": "deg/45",
@@ -41,8 +43,12 @@ def _floats(text: str, count: int | None, what: str) -> tuple[float, ...]:
     type=click.Path(exists=True, path_type=Path),
 )  # fmt: skip
 @click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path), metavar="MODEL.yaml",
+    "-o", "--output", type=click.Path(path_type=Path), metavar="MODEL.yaml",
     help="The model, for fuse --config.",
+)  # fmt: skip
+@click.option(
+    "--check", "model", type=options.EXISTING_FILE, metavar="MODEL.yaml",
+    help="Make no model: hold TRIALS, or recordings, against this one.",
 )  # fmt: skip
 @click.option(
     "--picture", type=click.Path(path_type=Path), metavar="OUT.png", help="Draw a report."
@@ -77,6 +83,15 @@ def _floats(text: str, count: int | None, what: str) -> tuple[float, ...]:
     help="How wrong the truth may be where a leg begins.",
 )  # fmt: skip
 @click.option(
+    "--lag", type=click.FloatRange(-1e6, 1e6), metavar="S",
+    help="Recordings: by how many seconds the truth's clock is late.  [default: as found]",
+)  # fmt: skip
+@click.option(
+    "--leave-out", multiple=True, metavar="PLACE",
+    help="A trial that is not to count, as messages name it (FILE:LINE or its end); again",
+)  # fmt: skip
+@click.option("--keep-slips", is_flag=True, help="Let trials far off all others count.")
+@click.option(
     "--seed", type=click.IntRange(0, 2**32), default=1, show_default=True,
     help="Of the lots that tests and folds are drawn by.",
 )  # fmt: skip
@@ -87,7 +102,8 @@ def calibrate(
     ctx: click.Context,
     /,
     trials: tuple[Path, ...],
-    output: Path,
+    output: Path | None,
+    model: Path | None,
     picture: Path | None,
     as_json: bool,
     overwrite: bool,
@@ -102,21 +118,45 @@ def calibrate(
     means.
     """
     from possmap.cli.progress import bytes_read
-    from possmap.lab.calibrate.run import calibrate_files
+    from possmap.lab.calibrate.odd import doubts
+    from possmap.lab.calibrate.run import calibrate_files, check_files
 
-    found = calibrate_files(
-        trials, output, _request(**given), picture=picture, overwrite=overwrite, progress=bytes_read
-    )
+    if (output is None) == (model is None):
+        raise click.UsageError("expected -o MODEL.yaml to make a model, or --check MODEL.yaml")
+    request = _request(**given)
+    told: dict[str, Any]
+    refused: Mapping[str, str] = {}
+    scores: Mapping[str, Score | None]
+    if model is not None:
+        judged, notes = check_files(model, trials, request, bytes_read)
+        told = {"model": str(model), "robots": {one.robot: _dict(one) for one in judged}}
+        told["notes"] = notes
+        scores = {one.robot: one.heading for one in judged}
+        lines = [line for one in judged for line in judgement_lines(one)]
+    else:
+        assert output is not None
+        found = calibrate_files(
+            trials, output, request, picture=picture, overwrite=overwrite, progress=bytes_read
+        )
+        notes, refused = list(found.notes), found.refused
+        told = to_json(found, output)
+        scores = {one.robot: one.heading for one in found.everyone}
+        verbose = ctx.obj["verbose"] > 0
+        lines = [line for one in found.everyone for line in report_lines(one, found, verbose)]
+        lines.append(f"{output}: written")
     if as_json:
-        click.echo(json.dumps(to_json(found, output)))
+        click.echo(json.dumps(_plain(told)))
     elif not ctx.obj["quiet"]:
-        report(found, verbose=ctx.obj["verbose"] > 0)
-        click.echo(f"{output}: written")
-    for note in found.notes:
+        click.echo("\n".join(lines))
+    for note in notes:
         click.echo(f"note: {note}", err=True)
-    for robot, why in found.refused.items():
+    if as_json or ctx.obj["quiet"]:
+        for name, score in scores.items():
+            for doubt in doubts(score):
+                click.echo(f"{name or 'all together'}: {doubt}", err=True)
+    for robot, why in refused.items():
         click.echo(f"possmap: {robot}: {why}", err=True)
-    if found.refused:
+    if refused:
         ctx.exit(1)
 
 
@@ -127,9 +167,9 @@ def _request(
     truth_mapping: str | None,
     truth_pose: Any,
     robot: str | None,
+    lag: float | None,
     legs: tuple[float, ...],
-    start_error: tuple[float, float, float],
-    seed: int,
+    **rest: Any,
 ) -> CalibrationRequest:
     """Return what the options ask for.
 
@@ -155,21 +195,18 @@ def _request(
                 "recordings need a truth, expected --truth-recording, --truth-mapping or "
                 "--truth-pose"
             )
-        of_truth = truth_mapping or (mapping if truth else None)
+        own, of_truth = (
+            read_mapping(find_mapping(name)) if name else None
+            for name in (mapping, truth_mapping or (mapping if truth else None))
+        )
         recordings = RecordingsRequest(
-            source=Source(
-                mapping=read_mapping(find_mapping(mapping)) if mapping else None, pose_of=pose_of
-            ),
-            truth_source=Source(
-                mapping=read_mapping(find_mapping(of_truth)) if of_truth else None,
-                pose_of=truth_pose or pose_of,
-            ),
+            source=Source(mapping=own, pose_of=pose_of),
+            truth_source=Source(mapping=of_truth, pose_of=truth_pose or pose_of),
             truth=truth,
             robot=robot,
+            lag=lag,
         )
-    return CalibrationRequest(
-        recordings=recordings, seed=seed, lengths=legs, start_error=start_error
-    )
+    return CalibrationRequest(recordings=recordings, lengths=legs, **rest)
 
 
 def to_json(found: Calibration, output: Path) -> dict[str, Any]:
@@ -187,40 +224,45 @@ def to_json(found: Calibration, output: Path) -> dict[str, Any]:
 
 
 def _robot(one: RobotResult) -> dict[str, Any]:
-    from possmap.lab.calibrate.words import findings
+    from possmap.lab.calibrate.odd import notes
+    from possmap.lab.calibrate.words import findings, leftover, plain
 
     validation = one.validation
-    tests = {
-        "normal_along": one.tests.along_normal, "normal_across": one.tests.across_normal,
-        "independent": one.tests.independent, "along_proportional": one.tests.along_grows,
-        "across_proportional": one.tests.across_grows,
-    }  # fmt: skip
+    held_out = validation and {
+        "heading": _dict(one.heading),
+        "linear": _dict(one.linear),
+        "paper": _dict(validation.paper),
+        "all_terms": _dict(validation.full),
+        "without": {
+            name: _dict(worth.without)
+            | {"gain": worth.gain, "error": worth.error, "earned": worth.earned}
+            for name, worth in validation.worth.items()
+        },
+    }
     return {
         "trials": len(one.trials),
         "runs": one.fit.heading.runs,
         "turns": one.fit.heading.turns,
+        "days": one.fit.days,
         "factor": one.parameters.get("factor"),
         "model": dict(one.parameters),
         "estimates": {name: dataclasses.asdict(told) for name, told in one.estimates.items()},
-        "left_out": list(one.left_out),
-        "tests": {name: test and dataclasses.asdict(test) for name, test in tests.items()},
-        "held_out": validation
-        and {
-            "heading": dataclasses.asdict(validation.heading),
-            "linear": dataclasses.asdict(validation.linear),
-            "paper": dataclasses.asdict(validation.paper),
-            "all_terms": dataclasses.asdict(validation.full),
-            "without": {
-                name: dataclasses.asdict(worth.without)
-                | {"gain": worth.gain, "error": worth.error, "earned": worth.earned}
-                for name, worth in validation.worth.items()
-            },
-        },
-        "legs": [dataclasses.asdict(leg) for leg in one.legs],
-        "left_over": dict(one.leftover),
+        "left_out": list(one.dropped),
+        "tests": {name: test and test._asdict() for name, test in one.tests.items()},
+        "held_out": held_out,
+        "legs": [leg._asdict() for leg in one.legs],
+        "left_over": leftover(one),
+        "plain": plain(one),
         "verdict": list(findings(one)),
-        "notes": list(one.notes),
+        "notes": list(notes(one)),
     }
+
+
+def _dict(value: Any) -> Any:
+    """Return a named tuple, and those within it, as JSON's objects."""
+    if hasattr(value, "_asdict"):
+        return {name: _dict(one) for name, one in value._asdict().items()}
+    return [_dict(one) for one in value] if isinstance(value, tuple) else value
 
 
 def _plain(value: Any) -> Any:
@@ -234,38 +276,55 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def report(found: Calibration, verbose: bool) -> None:
-    """Print a calibration: parameters, tests, and what they mean."""
-    everyone = [*found.robots, *([found.pooled] if found.pooled else [])]
-    for one in everyone:
-        _report_one(one, verbose)
-
-
-def _report_one(one: RobotResult, verbose: bool) -> None:
-    from possmap.lab.calibrate.words import findings, test_words
+def report_lines(one: RobotResult, found: Calibration, verbose: bool) -> Iterator[str]:
+    """Yield what a robot's trials say: plain words, parameters, tests, and what they mean."""
+    from possmap.lab.calibrate.odd import notes, of_robots
+    from possmap.lab.calibrate.words import findings, plain, test_words
 
     heading = one.fit.heading
     factor = one.parameters.get("factor")
     counted = f"{len(one.trials)} trials, {heading.runs} with a run, {heading.turns} with a turn"
-    click.echo(
-        f"{one.robot or 'all together'}: {counted}"
-        + ("" if factor is None else f"; factor {factor:.3f}")
+    days = f", of {one.fit.days} days" if one.fit.days > 1 and one.robot else ""
+    width = "" if factor is None else f"; factor {factor:.3f}"
+    yield f"{one.robot or 'all together'}: {counted}{days}{width}"
+    yield f"  {plain(one)}"
+    yield f"  {'parameter':<17}{'estimate':>10}  {'95 % limits':^21}  {'model':>10}  detects"
+    yield from (_row(name, told) for name, told in one.estimates.items())
+    yield from (f"  {name:<17} {words}" for name, words in test_words(one))
+    yield from (_leg_line(leg, f" ({leg.estimator})") for leg in one.legs if verbose)
+    yield from (f"  - {sentence}" for sentence in findings(one))
+    yield from (f"  ! {note}" for note in notes(one))
+    if not one.robot:
+        yield from (f"  ! {note}" for note in of_robots(found.robots))
+
+
+def judgement_lines(one: Judgement) -> Iterator[str]:
+    """Yield how a model fares on trials that it has not seen."""
+    from possmap.lab.calibrate.odd import doubts
+
+    for name, score in (("heading", one.heading), ("linear", one.linear)):
+        said = []
+        if score.trials:
+            said.append(
+                f"{score.coverage:.0%} of {score.trials} ends inside (asked: 95 %), "
+                f"{score.size:.3f} m half-wide"
+            )
+        if score.headings and name == "heading":
+            said.append(
+                f"{score.heading_coverage:.0%} of {score.headings} headings within "
+                f"±{score.heading_half:.1f} deg (asked: 97 %)"
+            )
+        yield f"{one.robot}: {name}: {', '.join(said)}"
+    yield from (_leg_line(leg, "") for leg in one.legs if leg.estimator == "heading")
+    yield from (f"  ! {doubt}" for doubt in doubts(one.heading))
+
+
+def _leg_line(leg: LegScore, more: str) -> str:
+    return (
+        f"  {f'legs of {leg.length:g} m':<17} {leg.coverage:.0%} of {leg.poses} poses and "
+        f"{leg.end_coverage:.0%} of {leg.legs} ends inside, {leg.half_width:.2f} m half-wide "
+        f"at the end{more}"
     )
-    click.echo(f"  {'parameter':<17}{'estimate':>10}  {'95 % limits':^21}  {'model':>10}  detects")
-    for name, told in one.estimates.items():
-        click.echo(_row(name, told))
-    for name, words in test_words(one.tests) if heading.runs else ():
-        click.echo(f"  {name:<17} {words}")
-    for leg in one.legs if verbose else ():
-        click.echo(
-            f"  {f'legs of {leg.length:g} m':<17} {leg.coverage:.0%} of {leg.poses} poses and "
-            f"{leg.end_coverage:.0%} of {leg.legs} ends inside, {leg.half_width:.2f} m half-wide "
-            f"at the end ({leg.estimator})"
-        )
-    for sentence in findings(one):
-        click.echo(f"  - {sentence}")
-    for note in one.notes:
-        click.echo(f"  ! {note}")
 
 
 def _row(name: str, told: ParameterEstimate) -> str:

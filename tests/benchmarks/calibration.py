@@ -17,10 +17,9 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from calibrated import PAPER, SPINS, Faults, trials
 
-from possmap.lab.calibrate.crossval import score
 from possmap.lab.calibrate.estimates import estimates
+from possmap.lab.calibrate.held_out import held as hold
 from possmap.lab.calibrate.model import fit_model
-from possmap.lab.calibrate.rectangles import hold
 
 REPETITIONS = 200
 VARYING = Faults(turn_spread=1.5, drift_spread=0.8)
@@ -45,8 +44,8 @@ def main() -> None:
                     told[parameter] += 1
                     held[parameter] += found.low <= getattr(faults, parameter) <= found.high
             new = trials(faults, rng, **(plan | {"times": 5}))
-            heading.append(score(hold(new, fit.model, "heading")).coverage)
-            linear.append(score(hold(new, fit.model, "linear")).coverage)
+            heading.append(hold(new, fit.model, "heading").score.coverage)
+            linear.append(hold(new, fit.model, "linear").score.coverage)
         shares = ", ".join(f"{one} {held[one] / told[one]:.1%}" for one in told)
         ends = f"heading {np.mean(heading):.1%}, linear {np.mean(linear):.1%}"
         sys.stdout.write(f"{name}: {shares}; ends of new trials inside: {ends}\n")

@@ -9,8 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from possmap.lab.calibrate.assumptions import gap, independence, normality, proportionality
-from possmap.lab.calibrate.variance_ratio import variance_ratio
+from possmap.lab.calibrate.assumptions import (
+    gap,
+    independence,
+    normality,
+    proportionality,
+    variance_ratio,
+)
 
 
 @pytest.mark.parametrize(

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 from calibrated import FACTOR, PAPER, SPINS, Faults, trials
 
-from possmap.lab.calibrate.crossval import score
 from possmap.lab.calibrate.estimates import estimates
-from possmap.lab.calibrate.factor import limit_factor, rectangle_factor
 from possmap.lab.calibrate.heading import TERMS
-from possmap.lab.calibrate.model import fit_model, paper_model
-from possmap.lab.calibrate.rectangles import hold
+from possmap.lab.calibrate.held_out import held as hold
+from possmap.lab.calibrate.model import fit_model, limit_factor, rectangle_factor
 
 pytestmark = pytest.mark.thorough
 
@@ -55,7 +53,7 @@ def test_limits_hold_the_true_parameters_as_often_as_they_say() -> None:
         found = estimates(fit, fit)
         held.update(n for n in names if found[n].low <= getattr(faults, n) <= found[n].high)
         new = trials(faults, rng, 5)
-        coverage.append(score(hold(new, fit.model, "heading")).coverage)
+        coverage.append(hold(new, fit.model, "heading").score.coverage)
     for name in names:
         assert held[name] / REPETITIONS >= LEAST, name
     for name in ("along", "turn_bias", "drift", "scale"):
@@ -93,12 +91,12 @@ def test_a_part_that_is_not_taken_as_known_goes_into_its_spread() -> None:
     assert {"drift", "turn_bias"} & without.parameters.keys() == set()
     assert without.parameters["drift_spread"] > 2 * abs(full.parameters["drift"])
     assert without.parameters["turn_spread"] > 2 * abs(full.parameters["turn_bias"])
-    held = hold(some, without.model, "heading").inside
+    held = hold(some, without.model, "heading").inside(0, 1)
     assert held.mean() >= 0.95
 
 
 def test_the_papers_own_model_has_a_rectangle_and_one_side_only() -> None:
-    found = paper_model(trials(Faults(), np.random.default_rng(6))).parameters
+    found = fit_model(trials(Faults(), np.random.default_rng(6)), papers=True).parameters
     assert found.keys() == {"along", "across", "factor", "turn_bias", "turn_spread"}
 
 
@@ -114,5 +112,5 @@ def test_a_half_turn_keeps_its_side() -> None:
     """A log does not tell the side of a half turn; a trial does."""
     faults = Faults(turn_gain=0.05, turn_noise=0.1, drift=0.0)
     some = trials(faults, np.random.default_rng(8), plan=PAPER + SPINS)
-    told = hold(some, fit_model(some).model, "heading").heading_inside
+    told = hold(some, fit_model(some).model, "heading").inside(2)
     assert np.nanmean(told) > 0.9

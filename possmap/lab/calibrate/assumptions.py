@@ -7,12 +7,13 @@ nothing with few trials has not shown that there is nothing.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 
-from possmap.lab.calibrate.reml import CONFIDENCE
+from possmap.lab.calibrate.reml import CONFIDENCE, Interval
 from possmap.lab.calibrate.trials import Floats
 
 LEVEL = 0.05
@@ -21,29 +22,25 @@ LEAST_NORMAL, LEAST = 4, 5
 LEAST_SPREAD = 0.1
 """Deviation of the logarithms of distances below which they are all one distance."""
 
+BLOCK, LEAST_BLOCKS = 10, 20
+"""Trials of a track that are added up, and the fewest sums that say something of their variance."""
+
+CHANCE = 0.001
+"""So rarely independent errors look otherwise; only then is a model changed."""
+
 _DRAWS, _POWER_DRAWS, _NUMBERS = 10_000, 1_000, 2_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class Normality:
+class Normality(NamedTuple):
     """What Lilliefors' test says, for a mean and a deviation that come from the same trials.
 
     The paper used Kolmogorov's test, whose table holds for a mean and a deviation known beforehand:
     at 20 trials its true size is 0.0001, not 0.05 (METHOD §6).
 
-    Attributes
-    ----------
-    distance
-        Largest gap between the errors' distribution and the fitted normal one.
-    p
-        How often normal errors have a gap so large.
-    trials
-        How many errors.
-    power_tails
-        How often this test, with so many trials, finds errors that are not normal but of Student's
-        t with 3 degrees of freedom (now and then a large one).
-    power_mixture
-        The same where every tenth trial scatters three times as much (slips).
+    distance : largest gap between the errors' distribution and the fitted normal one. p : how often
+    normal errors have one so large. power_tails : how often so many trials find errors of Student's
+    t with 3 degrees of freedom (now and then a large one). power_mixture : the same where every
+    tenth trial scatters three times as much (slips).
     """
 
     distance: float
@@ -70,15 +67,11 @@ def normality(errors: Floats, rng: np.random.Generator) -> Normality | None:
         samples = draw((min(_POWER_DRAWS, draws), count))
         return float((gap(samples) > limit).mean())
 
-    return Normality(
-        distance=float(found.statistic),
-        p=float(found.pvalue),
-        trials=count,
-        power_tails=power(lambda shape: rng.standard_t(3, shape)),
-        power_mixture=power(
-            lambda shape: np.where(rng.random(shape) < 0.1, 3.0, 1.0) * rng.standard_normal(shape)
-        ),
+    tails = power(lambda shape: rng.standard_t(3, shape))
+    mixture = power(
+        lambda shape: np.where(rng.random(shape) < 0.1, 3.0, 1.0) * rng.standard_normal(shape)
     )
+    return Normality(float(found.statistic), float(found.pvalue), count, tails, mixture)
 
 
 def gap(samples: Floats) -> Floats:
@@ -94,20 +87,12 @@ def gap(samples: Floats) -> Floats:
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class Independence:
+class Independence(NamedTuple):
     """Correlation of along and across.
 
-    Attributes
-    ----------
-    correlation, low, high, p
-        Pearson's, its limits (Fisher's), and how often independent errors have one so large.
-    sizes, sizes_p
-        Spearman's correlation of their sizes: large with large, whatever the sign.
-    trials
-        How many.
-    detectable
-        The smallest correlation that so many trials find four times out of five.
+    correlation, low, high, p : Pearson's, its limits (Fisher's), and how often independent errors
+    have one so large. sizes, sizes_p : Spearman's of their sizes: large with large, whatever the
+    sign. detectable : the smallest correlation that so many trials find four times out of five.
     """
 
     correlation: float
@@ -127,34 +112,24 @@ def independence(along: Floats, across: Floats) -> Independence | None:
     count = len(along)
     if count < LEAST or not (along.std() > 0 and across.std() > 0):
         return None
-    r, p = (float(one) for one in stats.pearsonr(along, across))
-    r = min(max(r, -1 + 1e-12), 1 - 1e-12)
-    z = float(stats.norm.ppf((1 + CONFIDENCE) / 2))
-    half = z / math.sqrt(max(1, count - 3))
+    found = stats.pearsonr(along, across)
+    low, high = found.confidence_interval(CONFIDENCE)
     sizes, sizes_p = 0.0, 1.0
     if np.ptp(np.abs(along)) > 0 and np.ptp(np.abs(across)) > 0:
         sizes, sizes_p = (float(one) for one in stats.spearmanr(np.abs(along), np.abs(across)))
-    found = (z + float(stats.norm.ppf(POWER))) / math.sqrt(max(1, count - 3))
+    z = float(stats.norm.ppf((1 + CONFIDENCE) / 2) + stats.norm.ppf(POWER))
     return Independence(
-        r, math.tanh(math.atanh(r) - half), math.tanh(math.atanh(r) + half), p,
-        sizes, sizes_p, count, math.tanh(found),
+        float(found.statistic), float(low), float(high), float(found.pvalue), sizes, sizes_p,
+        count, math.tanh(z / math.sqrt(count - 3)),
     )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class Proportionality:
+class Proportionality(NamedTuple):
     """The power of distance with which an error's deviation grows: 1 in the paper.
 
-    Attributes
-    ----------
-    exponent, low, high, p
-        With its limits, and how often an exponent of 1 looks so unlike 1.
-    p_root
-        The same for 0.5: errors that are drawn anew with every metre.
-    trials
-        How many.
-    detectable
-        The smallest difference of an exponent from 1 that they find four times out of five.
+    exponent, low, high, p : with its limits, and how often an exponent of 1 looks so unlike 1.
+    p_root : the same for 0.5: errors that are drawn anew with every metre. detectable : the
+    smallest difference of an exponent from 1 that so many find four times out of five.
     """
 
     exponent: float
@@ -188,24 +163,75 @@ def proportionality(errors: Floats, distance: Floats) -> Proportionality | None:
     best, least = float(done.x), float(done.fun)
     allowed = least + float(stats.chi2.ppf(CONFIDENCE, 1))
 
-    def over(exponent: float) -> float:
-        return deviance(exponent) - allowed
+    def end(side: int) -> float:
+        there = best + 30 * side
+        if deviance(there) <= allowed:
+            return side * math.inf
+        return float(optimize.brentq(lambda x: deviance(x) - allowed, best, there))
 
-    low = float(optimize.brentq(over, best - 30, best)) if over(best - 30) > 0 else -math.inf
-    high = float(optimize.brentq(over, best, best + 30)) if over(best + 30) > 0 else math.inf
     p, p_root = (float(stats.chi2.sf(max(0.0, deviance(value) - least), 1)) for value in (1.0, 0.5))
     # Fisher's information about the exponent is twice the sum of squares of the logarithms.
     z = float(stats.norm.ppf((1 + CONFIDENCE) / 2) + stats.norm.ppf(POWER))
     found = z / math.sqrt(2 * float((logs**2).sum()))
-    return Proportionality(best, low, high, p, p_root, len(errors), found)
+    return Proportionality(best, end(-1), end(1), p, p_root, len(errors), found)
 
 
-@dataclass(frozen=True, slots=True)
-class Assumptions:
-    """What was tested; None where there is too little to test."""
+class VarianceRatio(NamedTuple):
+    """Variance of sums of errors over the sum of their variances: 1 if they are independent.
 
-    along_normal: Normality | None = None
-    across_normal: Normality | None = None
-    independent: Independence | None = None
-    along_grows: Proportionality | None = None
-    across_grows: Proportionality | None = None
+    A truth that is itself noisy makes each trial look worse, but takes back in the next what it
+    gave in the one before: the sums vary less. Errors that hang together add up to more. Either
+    matters for whole tracks, and hardly for trials.
+
+    share, low, high : with its 95 % limits. p : how often independent errors have one so far off.
+    """
+
+    share: float
+    low: float
+    high: float
+    p: float
+
+    @property
+    def widening(self) -> float:
+        """What deviations are to be multiplied by: by the limit nearer to 1, which is beyond doubt.
+
+        1 unless independence is all but excluded.
+        """
+        if self.p >= CHANCE or self.low <= 1 <= self.high:
+            return 1.0
+        return math.sqrt(self.high if self.share < 1 else self.low)
+
+
+def variance_ratio(errors: Floats, tracks: Sequence[str]) -> VarianceRatio | None:
+    """Return what stays of errors, in the order in which they happened.
+
+    Parameters
+    ----------
+    errors
+        Shape (n,), without what is known.
+    tracks
+        Of which track each is; empty: of none.
+
+    Returns
+    -------
+    VarianceRatio or None
+        None for fewer than twenty blocks of ten.
+    """
+    from scipy import stats
+
+    sums: list[float] = []
+    square = 0.0
+    for track, which in groupby(range(len(errors)), key=lambda k: tracks[k]):
+        own = errors[list(which)]
+        count = len(own) // BLOCK
+        if track and count:
+            blocks = own[: count * BLOCK].reshape(count, BLOCK)
+            sums += blocks.sum(axis=1).tolist()
+            square += float((blocks**2).sum())
+    if len(sums) < LEAST_BLOCKS or not square > 0:
+        return None
+    share = float((np.array(sums) ** 2).sum()) / square
+    limits = Interval.chi_square(math.sqrt(share), len(sums))
+    below = float(stats.chi2.cdf(share * len(sums), len(sums)))
+    p = min(1.0, 2 * min(below, 1 - below))
+    return VarianceRatio(share, limits.low**2, limits.high**2, p)

@@ -49,6 +49,8 @@ class TrueTrack:
         Whether the robot ran lined up with a wall from each pose to the next, shape (k - 1,).
     exact
         Whether the truth is exact and the poses are the robot's own, as in a simulated log.
+    day
+        On which it was driven.
     """
 
     robot: str
@@ -57,6 +59,7 @@ class TrueTrack:
     true: Floats
     followed: Flags
     exact: bool = False
+    day: str = ""
 
     @property
     def way(self) -> Floats:
@@ -72,7 +75,7 @@ class TrueTrack:
 
 
 def cut(outing: TrueTrack, leg: float = LEG_M) -> Iterator[Trial]:
-    """Yield the trials of an outing.
+    """Yield the trials of an outing; so much of its way [m] counts as one outing.
 
     Runs along walls are none, since a wall mends the heading; nor are turns just before one, when
     the robot lines up. In a log, small turns right after or before another one are none either:
@@ -88,10 +91,11 @@ def cut(outing: TrueTrack, leg: float = LEG_M) -> Iterator[Trial]:
         if stands[start]:
             while stop < last and stands[stop] and turn[stop] * turn[start] >= 0:
                 stop += 1
-            if not (_lines_up(outing, stands, stop) or _feels(outing, stands, start, stop)):
-                yield from _turn(outing, start, stop, way, leg)
+            ahead = np.flatnonzero(~stands[stop:])
+            lines_up = len(ahead) > 0 and bool(outing.followed[stop + ahead[0]])
+            found = None if lines_up or _feels(outing, stands, start, stop) else _turn
         elif outing.followed[start]:
-            pass
+            found = None
         else:
             first = _direction(outing.logged, start, stop)
             while (
@@ -102,14 +106,14 @@ def cut(outing: TrueTrack, leg: float = LEG_M) -> Iterator[Trial]:
                 <= SAME_RUN_DEG
             ):
                 stop += 1
-            yield from _run(outing, start, stop, way, leg)
+            found = _run
+        trial = None if found is None else found(outing, start, stop)
+        if trial is not None:
+            yield replace(
+                trial, outing=f"{outing.name}:{int(way[start] // leg)}", track=outing.name,
+                place=f"{outing.name}, pose {start}", exact=outing.exact, day=outing.day,
+            )  # fmt: skip
         start = stop
-
-
-def _lines_up(outing: TrueTrack, stands: Flags, start: int) -> bool:
-    """Whether the next run from a pose on is one along a wall."""
-    ahead = np.flatnonzero(~stands[start:])
-    return len(ahead) > 0 and bool(outing.followed[start + ahead[0]])
 
 
 def _feels(outing: TrueTrack, stands: Flags, start: int, stop: int) -> bool:
@@ -125,44 +129,30 @@ def _direction(poses: Floats, start: int, stop: int) -> float:
     return math.degrees(math.atan2(dy, dx))
 
 
-def _turn(outing: TrueTrack, start: int, stop: int, way: Floats, leg: float) -> Iterator[Trial]:
+def _turn(outing: TrueTrack, start: int, stop: int) -> Trial | None:
     logged = outing.logged[stop, 2] - outing.logged[start, 2]
-    if abs(logged) >= LEAST_TURN_DEG:
-        true = outing.true[stop, 2] - outing.true[start, 2]
-        moved = outing.true[stop, :2] - outing.true[start, :2]
-        yield Trial(
-            outing.robot, _leg(outing, way[start], leg), 0.0, float(logged),
-            float(moved[0]), float(moved[1]), wrap_degrees(float(true - logged)),
-            manoeuvre="turn", place=_place(outing, start), track=outing.name,
-            exact=outing.exact,
-        )  # fmt: skip
+    if abs(logged) < LEAST_TURN_DEG:
+        return None
+    true = outing.true[stop, 2] - outing.true[start, 2]
+    dx, dy = (outing.true[stop, :2] - outing.true[start, :2]).tolist()
+    error = wrap_degrees(float(true - logged))
+    return Trial(outing.robot, "", 0.0, float(logged), dx, dy, error, manoeuvre="turn")
 
 
-def _run(outing: TrueTrack, start: int, stop: int, way: Floats, leg: float) -> Iterator[Trial]:
+def _run(outing: TrueTrack, start: int, stop: int) -> Trial | None:
     distance = math.hypot(*(outing.logged[stop, :2] - outing.logged[start, :2]))
     if distance < LEAST_RUN_M:
-        return
+        return None
     bend = float(outing.logged[stop, 2] - outing.logged[start, 2])
     # The way asked for, seen from the true heading at the start.
     asked = _direction(outing.logged, start, stop) - outing.logged[start, 2] + outing.true[start, 2]
     dx, dy = outing.true[stop, :2] - outing.true[start, :2]
     cos, sin = math.cos(math.radians(asked)), math.sin(math.radians(asked))
     error = outing.true[stop, 2] - outing.true[start, 2] - bend
-    yield Trial(
-        outing.robot, _leg(outing, way[start], leg), distance, 0.0,
-        float(cos * dx + sin * dy - distance), float(cos * dy - sin * dx),
-        wrap_degrees(float(error)), bend,
-        manoeuvre="run", place=_place(outing, start), track=outing.name,
-            exact=outing.exact,
+    return Trial(
+        outing.robot, "", distance, 0.0, float(cos * dx + sin * dy - distance),
+        float(cos * dy - sin * dx), wrap_degrees(float(error)), bend, manoeuvre="run",
     )  # fmt: skip
-
-
-def _leg(outing: TrueTrack, way: float, leg: float) -> str:
-    return f"{outing.name}:{int(way // leg)}"
-
-
-def _place(outing: TrueTrack, pose: int) -> str:
-    return f"{outing.name}, pose {pose}"
 
 
 def without_mount(trials: list[Trial]) -> tuple[list[Trial], float]:

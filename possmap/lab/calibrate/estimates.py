@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
-from possmap.lab.calibrate.assumptions import POWER
-from possmap.lab.calibrate.factor import limit_factor
+import numpy as np
+
+from possmap.lab.calibrate.assumptions import POWER, VarianceRatio, variance_ratio
 from possmap.lab.calibrate.heading import LEAST, Cause, Term
-from possmap.lab.calibrate.model import Fit
+from possmap.lab.calibrate.model import Fit, lengths, limit_factor
 from possmap.lab.calibrate.reml import CONFIDENCE, Interval
+from possmap.lab.calibrate.trials import Trial, TrialTable
 
-_HALF_WIDTHS: Mapping[Cause, str] = {
+_SPREADS: Mapping[Cause, str] = {
     "run": "across", "turn": "turn_noise", "outing_turn": "turn_spread",
     "outing_drift": "drift_spread",
 }  # fmt: skip
 
 KNOWN: tuple[Term, ...] = ("scale", "drift", "turn_bias", "turn_gain")
 """Terms that may be nothing; turns always have some noise."""
+
+ORDER = ("along", "across", "turn_bias", "turn_gain", "turn_spread", "turn_noise", "drift",
+         "drift_spread", "scale")  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,64 +60,52 @@ def estimates(full: Fit, chosen: Fit) -> dict[str, ParameterEstimate]:
     heading, factor = full.heading, limit_factor()
     found: dict[str, ParameterEstimate] = {}
 
-    def put(name: str, limits: Interval, trials: int, detectable: float | None = None) -> None:
+    def put(name: str, limits: Interval, trials: int, unit: float = 1.0) -> None:
+        of_a_test = _detectable(limits) if name in KNOWN else None
+        low, value, high = unit * limits.low, unit * limits.value, unit * limits.high
         model = chosen.parameters.get(name)
-        found[name] = ParameterEstimate(*limits[:3], model, trials, detectable)
+        found[name] = ParameterEstimate(value, low, high, model, trials, of_a_test)
 
+    count: Mapping[Cause, int] = {
+        "run": heading.runs, "turn": heading.turns, **heading.outings
+    }  # fmt: skip
     if heading.runs >= LEAST:
-        put("along", _along(full, factor), heading.runs)
+        free = heading.runs - 1
+        put("along", Interval.chi_square(full.along_sd / full.scale, free), heading.runs, factor)
+    told = set(heading.causes)
+    told -= {"outing_turn"} if "outing_gain" in told else set()  # the two are one spread
     for cause in heading.causes:
-        unit = math.pi / 180 if cause == "run" else 1.0
-        limits = heading.deviation_interval(cause)
-        trials = {
-            "run": heading.runs, "turn": heading.turns,
-            "outing_turn": heading.turning_outings, "outing_drift": heading.running_outings,
-        }[cause]  # fmt: skip
-        if _HALF_WIDTHS[cause] in full.parameters:
-            put(
-                _HALF_WIDTHS[cause],
-                Interval(*(factor * unit * one for one in limits[:3])),
-                trials,
-            )
-    for name in heading.effects:
-        limits = heading.effect_interval(name)
-        count = heading.runs if name == "drift" else heading.turns
-        put(name, limits, count, _detectable(limits))
-    if heading.runs >= LEAST:
-        limits = scale_interval(full)
-        put("scale", limits, heading.runs, _detectable(limits))
-    order = ("along", "across", "turn_bias", "turn_gain", "turn_spread", "turn_noise", "drift",
-             "drift_spread", "scale")  # fmt: skip
-    for spread in ("turn_spread", "drift_spread"):
+        if cause in told and _SPREADS.get(cause) in full.parameters:
+            unit = factor * (math.pi / 180 if cause == "run" else 1.0)
+            put(_SPREADS[cause], heading.deviation_interval(cause), count[cause], unit)
+    for name in KNOWN:
+        limits = known_interval(full, name)
+        if limits is not None:
+            put(name, limits, heading.runs if name in ("drift", "scale") else heading.turns)
+    for spread, trials in (("turn_spread", heading.turns), ("drift_spread", heading.runs)):
         if spread in chosen.parameters and spread not in found:
             # Each trial an outing of its own, or too few outings: all that is left open is the
             # known part's own error.
             nan = math.nan
-            count = heading.turns if spread == "turn_spread" else heading.runs
-            found[spread] = ParameterEstimate(nan, nan, nan, chosen.parameters[spread], count)
-    return {name: found[name] for name in order if name in found}
+            found[spread] = ParameterEstimate(nan, nan, nan, chosen.parameters[spread], trials)
+    return {name: found[name] for name in ORDER if name in found}
 
 
-def _along(full: Fit, factor: float) -> Interval:
-    """Return the half-width along with limits by chi-square: exact for normal errors."""
-    from scipy import stats
+def known_interval(full: Fit, name: Term) -> Interval | None:
+    """Return a known part with its limits; None if the fit has it not.
 
-    df = full.heading.runs - 1
-    value = factor * full.along_sd / full.scale
-    low, high = stats.chi2.ppf([(1 + CONFIDENCE) / 2, (1 - CONFIDENCE) / 2], df)
-    return Interval(value, value * math.sqrt(df / low), value * math.sqrt(df / high), df)
-
-
-def scale_interval(full: Fit) -> Interval:
-    """Return true over asked length with its limits; of a fleet, those of robots' mean."""
-    from scipy import stats
-
-    df = full.heading.runs - 1
-    error = full.along_sd / math.sqrt(full.heading.runs)
-    if full.robots > 1:
-        df, error = full.robots - 1, full.between / math.sqrt(full.robots)
-    half = float(stats.t.ppf((1 + CONFIDENCE) / 2, df)) * error
-    return Interval(full.scale, full.scale - half, full.scale + half, df, error)
+    What differs from day to day widens them.
+    """
+    if name != "scale":
+        return full.heading.effect_interval(name) if name in full.heading.effects else None
+    runs = full.heading.runs
+    if runs < LEAST:
+        return None
+    own, apart = full.along_sd**2 / runs, full.scale_of_days**2 / full.days
+    free = float(runs - 1)
+    if apart > 0:
+        free = (own + apart) ** 2 / (own**2 / free + apart**2 / (full.days - 1))
+    return Interval.student(full.scale, math.sqrt(own + apart), free)
 
 
 def is_clear(full: Fit, term: Term) -> bool:
@@ -123,15 +116,12 @@ def is_clear(full: Fit, term: Term) -> bool:
     """
     from scipy import stats
 
-    known = [name for name in KNOWN if name == "scale" or name in full.heading.effects]
-    if term not in known or (term == "scale" and full.heading.runs < LEAST):
+    found = known_interval(full, term)
+    if found is None:
         return False
-    if term == "scale":
-        found, nothing = scale_interval(full), 1.0
-    else:
-        found, nothing = full.heading.effect_interval(term), 0.0
-    level = (1 - CONFIDENCE) / len(known)
-    return abs(found.value - nothing) > found.se * float(stats.t.ppf(1 - level / 2, found.df))
+    parts = sum(name == "scale" or name in full.heading.effects for name in KNOWN)
+    limit = float(stats.t.ppf(1 - (1 - CONFIDENCE) / parts / 2, found.df))
+    return abs(found.value - (term == "scale")) > found.se * limit
 
 
 def _detectable(limits: Interval) -> float:
@@ -141,3 +131,39 @@ def _detectable(limits: Interval) -> float:
     return limits.se * float(
         stats.t.ppf((1 + CONFIDENCE) / 2, limits.df) + stats.t.ppf(POWER, limits.df)
     )
+
+
+def for_tracks(fit: Fit, trials: Sequence[Trial]) -> tuple[Fit, dict[str, VarianceRatio]]:
+    """Return a fit whose spreads are those of long tracks, and the ratios that say so.
+
+    Where errors of trials that follow each other surely do not add up as independent ones do,
+    spreads come nearer to what does; but none falls below the lower limit of its estimate. Where
+    the truth is exact, it has no noise to take back, and nothing is changed.
+    """
+    if fit.heading.runs < LEAST:
+        return fit, {}
+    table, problem, rows = TrialTable.of(trials), fit.heading.problem, fit.heading.rows
+    stretched = lengths(table, fit.heading.effect("drift")) - fit.scale
+    tracks = np.array(["" if one.exact else one.track for one in trials])
+    off = (problem.y - problem.x @ problem.fitted.beta)[np.argsort(rows)]
+    wished = {
+        "along": variance_ratio(stretched * table.distance[table.run], tracks[table.run].tolist()),
+        "heading": variance_ratio(off, tracks[np.sort(rows)].tolist()),
+    }
+    ratios = {name: one for name, one in wished.items() if one is not None}
+    factors = {"along": ratios["along"].widening} if "along" in ratios else {}
+    if "heading" in ratios:
+        # What is known of a drift or an over-turn comes from the same errors.
+        widening = ratios["heading"].widening
+        factors |= dict.fromkeys(_SPREADS.values(), widening)
+        if widening < 1:  # what scatters ends, but not for good, is no heading
+            factors["across"] /= fit.excess
+    factors = {name: by for name, by in factors.items() if by != 1.0 and name in fit.parameters}
+    told = estimates(fit, fit) if factors else {}
+    found = dict(fit.parameters)
+    for name, by in factors.items():
+        changed = by * found[name]
+        if by < 1 and name in told and not math.isnan(told[name].low):
+            changed = min(found[name], max(changed, told[name].low))
+        found[name] = changed
+    return replace(fit, parameters=found), ratios

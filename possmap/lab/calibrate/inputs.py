@@ -1,4 +1,4 @@
-"""What a calibration is made of: CSV of trials, simulated teams, or recordings with a truth."""
+"""What a calibration is made of: CSV of trials, and simulated teams with the walls they saw."""
 
 from __future__ import annotations
 
@@ -14,9 +14,12 @@ from possmap.core.track import stretches
 from possmap.errors import LogError, RecordingError
 from possmap.lab.calibrate.cutting import TrueTrack, cut
 from possmap.lab.calibrate.estimates import ParameterEstimate
-from possmap.lab.calibrate.sensor import alignment, sensor
+from possmap.lab.calibrate.heading import LEAST
+from possmap.lab.calibrate.model import limit_factor, rectangle_factor
+from possmap.lab.calibrate.reml import Interval
 from possmap.lab.calibrate.trials import Floats, Trial
 from possmap.lab.calibrate.trials_file import read_trials, repeated
+from possmap.lab.evaluate.frame import distances
 from possmap.lab.evaluate.tracks import HEADING, X, Y, matched
 from possmap.lab.evaluate.true_poses import true_walls
 from possmap.logs import encoding_of, read_log
@@ -24,6 +27,12 @@ from possmap.settings.limits import Limits
 from possmap.truth.truth import read_truth
 
 TRUTH = "truth.json"
+
+FARTHEST_M = 0.3
+"""What is seen farther from every wall is of something else."""
+
+ROUNDED_DEG = 0.02
+"""Logs and truths are written to 0.01°: less is nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +46,7 @@ class Material:
     notes : what was left out, and why.
     """
 
-    trials: list[Trial]
+    trials: list[Trial] = field(default_factory=list)
     outings: list[TrueTrack] = field(default_factory=list)
     walls: dict[str, dict[str, ParameterEstimate]] = field(default_factory=dict)
     mounts: dict[str, float] = field(default_factory=dict)
@@ -45,7 +54,7 @@ class Material:
     notes: list[str] = field(default_factory=list)
 
 
-def of_tables(paths: Sequence[Path]) -> Material:
+def add_tables(found: Material, paths: Sequence[Path]) -> None:
     """Read files of trials.
 
     Raises
@@ -62,10 +71,10 @@ def of_tables(paths: Sequence[Path]) -> Material:
             f"repeats {earlier.place} in all numbers, as {len(again)} of {len(trials)} trials "
             "repeat an earlier one; expected each trial once",
         )
-    return Material(trials)
+    found.trials.extend(trials)
 
 
-def of_simulation(folder: Path) -> Material:
+def add_simulation(found: Material, folder: Path) -> None:
     """Cut trials from logs and the truth beside them, as ``possmap simulate`` writes both.
 
     Raises
@@ -78,7 +87,6 @@ def of_simulation(folder: Path) -> Material:
     true = read_truth(folder / TRUTH, Limits())
     inside = folder / "logs" if (folder / "logs").is_dir() else folder
     paths = sorted(path for path in inside.iterdir() if encoding_of(path) and path.name != TRUTH)
-    found = Material([])
     ends: dict[str, list[Floats]] = {}
     along: dict[str, list[float]] = {}
     seen: set[tuple[str, str]] = set()
@@ -90,9 +98,9 @@ def of_simulation(folder: Path) -> Material:
                 continue
             seen.add(version.name)
             rows = matched(version, track)
-            outing = _logged(version, track, rows)
-            if outing is None:
+            if len(rows) < 2:
                 continue
+            outing = _logged(version, track, rows)
             found.trials.extend(cut(outing, math.inf))
             laid = true_walls(version, track, rows)
             ends.setdefault(version.robot, []).append(laid.reshape(-1, 2))
@@ -103,25 +111,21 @@ def of_simulation(folder: Path) -> Material:
         )
     walls = np.array(true.walls, dtype=np.float64).reshape(-1, 4)
     for robot, parts in ends.items():
+        told = {
+            "sensor": sensor(np.concatenate(parts), walls) if len(walls) else None,
+            "alignment_spread": alignment(np.array(along[robot])),
+        }
         own = found.walls.setdefault(robot, {})
-        told = sensor(np.concatenate(parts), walls) if len(walls) else None
-        if told is not None:
-            own["sensor"] = told
-        lined = alignment(np.array(along[robot]))
-        if lined is not None:
-            own["alignment_spread"] = lined
-    return found
+        own |= {name: one for name, one in told.items() if one is not None}
 
 
-def _logged(version: PartialMap, track: Floats, rows: dict[int, int]) -> TrueTrack | None:
-    """Return the poses of a log that the truth knows; None for fewer than two."""
-    if len(rows) < 2:
-        return None
+def _logged(version: PartialMap, track: Floats, rows: dict[int, int]) -> TrueTrack:
+    """Return the poses of a log that the truth knows."""
     poses = [(version.records[index], track[row]) for index, row in rows.items()]
     logged = np.array([(p.x, p.y, p.heading_deg) for p, _ in poses if isinstance(p, Pose)])
-    logged[:, 2] = np.degrees(np.unwrap(np.radians(logged[:, 2])))
     true = np.array([row[[X, Y, HEADING]] for _, row in poses])
-    true[:, 2] = np.degrees(np.unwrap(np.radians(true[:, 2])))
+    for some in (logged, true):
+        some[:, 2] = np.degrees(np.unwrap(np.radians(some[:, 2])))
     ends = {one.end_index: one.is_followed for one in stretches(version.records)}
     followed = np.array([ends.get(index, False) for index in rows][1:], dtype=np.bool_)
     return TrueTrack(version.robot, version.excursion, logged, true, followed, exact=True)
@@ -136,3 +140,29 @@ def _lined_up(outing: TrueTrack) -> Iterator[float]:
         if math.hypot(*here) >= 0.5:
             off = math.degrees(math.atan2(there[1], there[0]) - math.atan2(here[1], here[0]))
             yield math.remainder(off, 360.0)
+
+
+def sensor(ends: Floats, walls: Floats) -> ParameterEstimate | None:
+    """Return the sensor's half-width: of ends of walls seen, (m, 2), laid at the true poses [m]."""
+    apart = distances(ends, walls)
+    return _half_width(apart[apart <= FARTHEST_M])
+
+
+def alignment(off: Floats) -> ParameterEstimate | None:
+    """Return the half-width of headings along followed walls: true less logged [deg], shape (n,).
+
+    What is rounding of the files counts as nothing.
+    """
+    found = _half_width(off)
+    if found is not None and found.value < ROUNDED_DEG:
+        return ParameterEstimate(0.0, 0.0, found.high, 0.0, found.trials)
+    return found
+
+
+def _half_width(errors: Floats) -> ParameterEstimate | None:
+    """Return the half-width of errors about 0; None for too few."""
+    if len(errors) < LEAST:
+        return None
+    deviation = math.sqrt(float((errors**2).mean()))
+    limits = Interval.chi_square(limit_factor() * deviation, len(errors))
+    return ParameterEstimate(*limits[:3], rectangle_factor(len(errors)) * deviation, len(errors))

@@ -9,12 +9,43 @@ from dataclasses import dataclass
 import numpy as np
 
 from possmap.core.model import ErrorModel
-from possmap.lab.calibrate.factor import rectangle_factor
 from possmap.lab.calibrate.heading import LEAST, TERMS, HeadingFit, Term, fit_heading
+from possmap.lab.calibrate.reml import between
 from possmap.lab.calibrate.trials import UNIT_TURN_DEG, Floats, Trial, TrialTable
+
+JOINT = 0.95
+PER_AXIS = math.sqrt(JOINT)
+"""Two independent axes hold 95 % together if each holds so much (METHOD §6: "joint")."""
 
 EXCESS = 1.2
 """Ends that scatter so many times more than headings make a model wider, and it says so."""
+
+
+def rectangle_factor(trials: int) -> float:
+    """Return half-width over standard deviation for a *new* run of a rectangle from ``trials``.
+
+    Mean and deviation of each axis come from the same trials, so a new run less the mean is
+    ``sqrt(1 + 1/n)`` deviations wide and follows Student's t with n - 1 degrees of freedom: 2.487
+    for 20 trials, and 2.236 only for endlessly many.
+
+    Raises
+    ------
+    ValueError
+        For fewer than two trials.
+    """
+    from scipy import stats
+
+    if trials < 2:
+        raise ValueError(f"trials, found {trials}, expected at least 2")
+    quantile = float(stats.t.ppf((1 + PER_AXIS) / 2, trials - 1))
+    return quantile * math.sqrt(1 + 1 / trials)
+
+
+def limit_factor() -> float:
+    """Return the factor of endlessly many trials, 2.236."""
+    from scipy import stats
+
+    return float(stats.norm.ppf((1 + PER_AXIS) / 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,8 +54,6 @@ class Fit:
 
     Attributes
     ----------
-    terms
-        Those that it may use.
     heading
         The fit of headings.
     parameters
@@ -33,18 +62,19 @@ class Fit:
         True over asked length, and its deviation, per metre run; NaN without runs.
     excess
         How many times more the directions of ends scatter than the headings explain; at least 1.
-    between, robots
-        Of a fleet: deviation of the robots' scales, and how many; 0 and 1 within one robot.
+    scale_of_days
+        Deviation of the scale from day to day.
+    days
+        How many.
     """
 
-    terms: frozenset[Term]
     heading: HeadingFit
     parameters: dict[str, float]
     scale: float
     along_sd: float
     excess: float
-    between: float = 0.0
-    robots: int = 1
+    scale_of_days: float
+    days: int
 
     @property
     def model(self) -> ErrorModel:
@@ -76,127 +106,109 @@ def directions(table: TrialTable, fit: HeadingFit) -> tuple[Floats, Floats]:
     return table.direction[run] - known, np.sqrt(fit.spread(True, turned, half))
 
 
-def fit_model(trials: Sequence[Trial], terms: Collection[Term] = TERMS, fleet: bool = False) -> Fit:
+def fit_model(
+    trials: Sequence[Trial], terms: Collection[Term] = TERMS, papers: bool = False
+) -> Fit:
     """Return the model that trials of one robot give.
 
-    A half-width is the factor for *new* runs times a deviation (``factor.py``). What the trials
-    leave open of a known part goes into its spread, since it is one unknown for all outings to
-    come; a known part that the model may not use goes there whole.
+    A half-width is the factor for *new* runs times a deviation. What the trials leave open of a
+    known part goes into its spread, since it is one unknown for all outings to come; so does what
+    differs from day to day; a known part that the model may not use goes there whole.
 
     Parameters
     ----------
     terms
         The known parts, and ``turn_noise``, that the model may use.
-    fleet
-        Whether each outing is another robot: then two suffice to see that robots differ, and
-        their scales differ as well.
+    papers
+        What the paper's §3 would have: a rectangle, and an over-turn to one side.
     """
-    allowed = set(TERMS) if "turn_noise" in terms else set(TERMS) - {"turn_noise"}
-    heading = fit_heading(trials, allowed, 2 if fleet else LEAST)
+    allowed = set(TERMS) - ({"turn_noise"} - set(terms))  # what is left out is known all the same
+    if papers:
+        terms = allowed = {"turn_bias"}
+    heading = fit_heading(trials, allowed, outings=not papers)
+    days = len({one.day for one in trials})
     found: dict[str, float] = {}
-    ends = _Ends.of(trials, heading, "scale" in terms, fleet)
+    scale = along_sd = math.nan
+    excess, of_days = 1.0, 0.0
     if heading.runs >= LEAST:
-        known = heading.effect("drift")
-        found |= ends.parameters(heading)
-        if "drift" in terms and "drift" in heading.effects:
-            found["drift"], known = known, 0.0
-        variance = heading.variance("outing_drift")
-        count = heading.running_outings if variance else heading.runs
-        if "drift" in heading.effects or variance > 0:  # otherwise nobody knows
-            found["drift_spread"] = _spread(variance, heading.error(drift=1.0), known, count)
-    if heading.turns >= LEAST:
-        left = {name: heading.effect(name) for name in _TURNING}
-        for name in _TURNING:
-            if name in terms and name in heading.effects:
-                found[name], left[name] = left[name], 0.0
-        variance = heading.variance("outing_turn")
-        count = heading.turning_outings if variance else heading.turns
-        found["turn_spread"] = max(
-            _spread(
-                variance,
-                heading.error(turn_bias=1.0, turn_gain=side * UNIT_TURN_DEG),
-                left["turn_bias"] + side * UNIT_TURN_DEG * left["turn_gain"],
-                count,
-            )
-            for side in (1, -1)
-        )
-        if "turn" in heading.causes:
-            noise = math.sqrt(heading.variance("turn"))
-            found["turn_noise"] = rectangle_factor(heading.turns) * noise
-    return Fit(
-        frozenset(terms), heading, found, ends.scale, ends.along_sd, ends.excess, ends.between,
-        ends.robots,
-    )  # fmt: skip
-
-
-def paper_model(trials: Sequence[Trial]) -> Fit:
-    """Return what the paper's §3 would have: a rectangle, and an over-turn to one side."""
-    heading = fit_heading(trials, {"turn_bias"}, least_outings=None)
-    ends = _Ends.of(trials, heading, free=False)
-    found: dict[str, float] = {}
-    if heading.runs >= LEAST:
-        found |= ends.parameters(heading)
-    if heading.turns >= LEAST:
-        found["turn_bias"] = heading.effect("turn_bias")
-        error = heading.error(turn_bias=1.0)
-        found["turn_spread"] = _spread(0.0, error, 0.0, heading.turns)
-    return Fit(frozenset({"turn_bias"}), heading, found, ends.scale, ends.along_sd, ends.excess)
-
-
-_TURNING: tuple[Term, ...] = ("turn_bias", "turn_gain")
-
-
-@dataclass(frozen=True, slots=True)
-class _Ends:
-    """What the places of ends say; NaN without runs.
-
-    between, robots : deviation of robots' scales, of how many; 0 within one robot.
-    """
-
-    scale: float
-    along_sd: float
-    excess: float
-    free: bool
-    between: float = 0.0
-    robots: int = 1
-
-    @classmethod
-    def of(
-        cls, trials: Sequence[Trial], heading: HeadingFit, free: bool, fleet: bool = False
-    ) -> _Ends:
-        if heading.runs < LEAST:
-            return cls(math.nan, math.nan, 1.0, free)
         table = TrialTable.of(trials)
-        shares = lengths(table, heading.effect("drift"))
-        scale = float(shares.mean()) if free else 1.0
-        square = float(((shares - scale) ** 2).sum()) / (len(shares) - free)
-        between, robots = 0.0, 1
-        names = np.array([one.outing for one in trials])[table.run]
-        if fleet and free and len(set(names)) > 1:
-            each = {name: shares[names == name] for name in set(names)}
-            middles = np.array([one.mean() for one in each.values()])
-            robots, scale, between = len(each), float(middles.mean()), float(middles.std(ddof=1))
-            within = sum(float(((one - one.mean()) ** 2).sum()) for one in each.values())
-            square = within / max(1, len(shares) - robots)
-        off, said = directions(table, heading)
-        excess = 1.0
-        if said.min(initial=math.inf) > 0:
-            more = math.sqrt(float(((off / said) ** 2).sum()) / max(1, len(off) - 1))
-            excess = more if more > EXCESS else 1.0
-        return cls(scale, math.sqrt(square), excess, free, between, robots)
-
-    def parameters(self, heading: HeadingFit) -> dict[str, float]:
+        stretched = lengths(table, heading.effect("drift"))
+        free = "scale" in terms
+        scale = float(stretched.mean()) if free else 1.0
+        along_sd = math.sqrt(float(((stretched - scale) ** 2).sum()) / (len(stretched) - free))
+        excess = _excess(*directions(table, heading))
+        which = [one.day for one in trials if one.is_run]
+        along_sd, of_days = _split(stretched, which, along_sd) if free else (along_sd, 0.0)
         factor = rectangle_factor(heading.runs)
         kick = math.radians(math.sqrt(heading.variance("run")))
-        along = factor * self.along_sd
-        if self.robots > 1:
-            along = math.hypot(along, rectangle_factor(max(LEAST, self.robots)) * self.between)
-        found = {
-            "along": along / self.scale,
-            "across": factor * self.excess * kick,
-            "factor": factor,
-        }
-        return found | ({"scale": self.scale} if self.free else {})
+        along = math.hypot(factor * along_sd, rectangle_factor(max(LEAST, days)) * of_days)
+        found |= {"along": along / scale, "across": factor * excess * kick, "factor": factor}
+        found |= {"scale": scale} if free else {}
+        found |= _drift(heading, "drift" in terms)
+    if heading.turns >= LEAST:
+        found |= _turning(heading, terms)
+        if "turn" in heading.causes and not papers:
+            noise = math.sqrt(heading.variance("turn"))
+            found["turn_noise"] = rectangle_factor(heading.turns) * noise
+    return Fit(heading, found, scale, along_sd, excess, of_days, days)
+
+
+def _excess(off: Floats, said: Floats) -> float:
+    """Return how many times more ends scatter across than headings say; 1 where that is little."""
+    if not said.min(initial=math.inf) > 0:
+        return 1.0
+    more = math.sqrt(float(((off / said) ** 2).sum()) / max(1, len(off) - 1))
+    return more if more > EXCESS else 1.0
+
+
+def _split(values: Floats, days: Sequence[str], whole: float) -> tuple[float, float]:
+    """Return the deviation within days, and that from day to day."""
+    each = [values[np.array(days) == day] for day in dict.fromkeys(days)]
+    free = len(values) - len(each)
+    if len(each) < 2 or free < LEAST:
+        return whole, 0.0
+    within = math.sqrt(sum(float(((one - one.mean()) ** 2).sum()) for one in each) / free)
+    if not within > 0:
+        return whole, 0.0
+    apart = between(
+        np.array([one.mean() for one in each]),
+        np.array([within / math.sqrt(len(one)) for one in each]),
+    )
+    return (within, apart) if apart > 0 else (whole, 0.0)
+
+
+def _drift(heading: HeadingFit, taken: bool) -> dict[str, float]:
+    found: dict[str, float] = {}
+    known, told = heading.effect("drift"), "drift" in heading.effects
+    if taken and told:
+        found["drift"], known = known, 0.0
+    variance = heading.variance("outing_drift")
+    count = heading.outings["outing_drift"] if variance else heading.runs
+    if told or variance > 0:  # otherwise nobody knows
+        found["drift_spread"] = _spread(variance, heading.error(drift=1.0), known, count)
+    return found
+
+
+def _turning(heading: HeadingFit, terms: Collection[Term]) -> dict[str, float]:
+    found: dict[str, float] = {}
+    names: tuple[Term, ...] = ("turn_bias", "turn_gain")
+    left = {name: heading.effect(name) for name in names}
+    for name in names:
+        if name in terms and name in heading.effects:
+            found[name], left[name] = left[name], 0.0
+    of_gain = heading.variance("outing_gain") * UNIT_TURN_DEG**2
+    variance = heading.variance("outing_turn") + of_gain
+    count = heading.outings["outing_turn"] if variance else heading.turns
+    found["turn_spread"] = max(
+        _spread(
+            variance,
+            heading.error(turn_bias=1.0, turn_gain=side * UNIT_TURN_DEG),
+            left["turn_bias"] + side * UNIT_TURN_DEG * left["turn_gain"],
+            count,
+        )
+        for side in (1, -1)
+    )
+    return found
 
 
 def _spread(variance: float, error: float, left: float, count: int) -> float:

@@ -30,11 +30,16 @@ _SINGULAR = math.log(1e-13)
 
 
 class Fitted(NamedTuple):
-    """What given variances make of the data: minus twice the log likelihood, β, its covariance."""
+    """What given variances make of the data.
+
+    deviance : minus twice the log likelihood. beta, covariance : of the effects.
+    slope : the deviance's derivatives by the variances.
+    """
 
     deviance: float
     beta: Floats
     covariance: Floats
+    slope: Floats
 
 
 class Interval(NamedTuple):
@@ -46,21 +51,21 @@ class Interval(NamedTuple):
     df: float = math.inf
     se: float = math.nan
 
+    @classmethod
+    def student(cls, value: float, se: float, df: float) -> Interval:
+        """Return the limits of Student's t."""
+        from scipy import stats
 
-def _crossing(over: Callable[[float], float], inside: float, outside: float) -> float:
-    """Return where a function rises above 0; an end, if it is on one side all the way."""
-    from scipy import optimize
+        half = float(stats.t.ppf((1 + CONFIDENCE) / 2, df)) * se
+        return cls(value, value - half, value + half, df, se)
 
-    if over(inside) >= 0:
-        return inside
-    if over(outside) <= 0:
-        return outside
-    return float(optimize.brentq(over, *sorted((inside, outside)), rtol=1e-3))
+    @classmethod
+    def chi_square(cls, deviation: float, df: float) -> Interval:
+        """Return the limits of a deviation: exact for normal errors."""
+        from scipy import stats
 
-
-def _lost(effects: int) -> Fitted:
-    """Return no fit: rounding has eaten what told the effects apart."""
-    return Fitted(math.inf, np.full(effects, np.nan), np.full((effects, effects), np.nan))
+        low, high = stats.chi2.ppf([(1 + CONFIDENCE) / 2, (1 - CONFIDENCE) / 2], df)
+        return cls(deviation, deviation * math.sqrt(df / low), deviation * math.sqrt(df / high), df)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,9 +79,9 @@ class Problem:
     own
         How much of each variance that is drawn anew has a trial, shape (n, c_own).
     shared
-        How a trial takes part in what is drawn once per outing, shape (n, c - c_own), at most two.
+        How a trial takes part in what is drawn once per outing, shape (n, c - c_own), c at most 5.
     outing
-        Number of each trial's outing, shape (n,).
+        Number of each trial's outing, shape (n,), never falling.
     """
 
     x: Floats
@@ -94,54 +99,76 @@ class Problem:
         return max(square, 1e-12)
 
     @cached_property
-    def _order(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        order = np.argsort(self.outing, kind="stable")
-        first = np.flatnonzero(np.diff(self.outing[order], prepend=-1))
-        return order, first
+    def _columns(self) -> Floats:
+        return np.column_stack([self.x, self.y, self.shared])
 
-    def at(self, variances: Floats) -> Fitted:
-        """Return the fit for given variances [deg²], shape (c,)."""
+    @cached_property
+    def _first(self) -> NDArray[np.intp]:
+        return np.flatnonzero(np.diff(self.outing, prepend=-1))
+
+    def solve(self, variances: Floats) -> tuple[Floats, Floats, float]:
+        """Return V⁻¹·[x, y, shared], the diagonal of V⁻¹, and log|V|, for variances [deg²] (c,)."""
         count = self.own.shape[1]
         # Not by matrix products: on small matrices the threads of a BLAS only wait for each other.
-        noise = (self.own * variances[:count]).sum(axis=1) + _FLOOR * self.scale
-        weighted = self.x / noise[:, None]
-        information = np.einsum("ni,nj->ij", weighted, self.x)
-        moment = np.einsum("ni,n->i", weighted, self.y)
-        square: float = float((self.y**2 / noise).sum())
-        logdet = float(np.log(noise).sum())
+        w = 1 / ((self.own * variances[:count]).sum(axis=1) + _FLOOR * self.scale)
+        solved, diagonal, logdet = w[:, None] * self._columns, w, -float(np.log(w).sum())
         if self.shared.shape[1]:
-            # Woodbury: an outing's common draws couple its trials, two unknowns at a time.
+            # Woodbury: an outing's common draws couple its trials, a few unknowns at a time.
             root = self.shared * np.sqrt(variances[count:])
-            order, first = self._order
-            root, w = root[order], (1 / noise)[order]
-            both = np.column_stack([self.x, self.y])[order]
-            inner = np.add.reduceat(w[:, None, None] * root[:, :, None] * root[:, None, :], first)
+            weighted, first = w[:, None] * root, self._first
+            inner = np.add.reduceat(weighted[:, :, None] * root[:, None, :], first)
             inner = inner + np.eye(root.shape[1])
-            cross = np.add.reduceat(w[:, None, None] * root[:, :, None] * both[:, None, :], first)
-            solved = np.linalg.solve(inner, cross)
-            less = np.einsum("gki,gkj->ij", cross, solved)
-            information = information - less[:-1, :-1]
-            moment = moment - less[:-1, -1]
-            square -= float(less[-1, -1])
+            cross = np.add.reduceat(weighted[:, :, None] * self._columns[:, None, :], first)
+            group = np.repeat(np.arange(len(first)), np.diff(first, append=len(w)))
+            part = np.einsum("ni,nij->nj", weighted, np.linalg.inv(inner)[group])
+            solved = solved - np.einsum("ni,nij->nj", part, cross[group])
+            diagonal = diagonal - (part * weighted).sum(axis=1)
             logdet += float(np.linalg.slogdet(inner)[1].sum())
-        if not self.x.shape[1]:
-            return Fitted(logdet + square, np.empty(0), np.empty((0, 0)))
+        return solved, diagonal, logdet
+
+    def at(self, variances: Floats) -> Fitted:
+        """Return the fit for given variances [deg²], shape (c,).
+
+        The slope is tr(P·Vₖ) - yᵀ·P·Vₖ·P·y with P = V⁻¹ - V⁻¹·X·(XᵀV⁻¹X)⁻¹·Xᵀ·V⁻¹; Vₖ is diagonal,
+        or s·sᵀ within each outing.
+        """
+        solved, diagonal, logdet = self.solve(variances)
+        p = self.x.shape[1]
+        z, u, of_shared = solved[:, :p], solved[:, p], solved[:, p + 1 :]
+        information = np.einsum("ni,nj->ij", self.x, z)
+        moment = np.einsum("ni,n->i", z, self.y)
         size = np.sqrt(np.diag(information).clip(min=0))
-        if not (np.isfinite(information).all() and size.min() > 0):
-            return _lost(len(moment))
-        sign, part = np.linalg.slogdet(information / np.multiply.outer(size, size))
-        if not (sign > 0 and part > _SINGULAR):
-            return _lost(len(moment))
+        sign, part = 0.0, 0.0
+        if np.isfinite(information).all() and size.min(initial=1.0) > 0:
+            sign, part = np.linalg.slogdet(information / np.multiply.outer(size, size))
+        if not (sign > 0 and part > _SINGULAR):  # rounding has eaten what told effects apart
+            nan = np.full(p, np.nan)
+            return Fitted(math.inf, nan, np.full((p, p), np.nan), np.zeros(len(variances)))
         covariance: Floats = np.asarray(np.linalg.inv(information), dtype=np.float64)
         beta = covariance @ moment
-        rest = square - float(beta @ moment)
-        logdet += float(part + 2 * np.log(size).sum())
-        return Fitted(logdet + rest, beta, covariance)
+        square = float((self.y * u).sum()) - float(beta @ moment)
+        deviance = logdet + square + float(part + 2 * np.log(size).sum())
+        left = u - (z * beta).sum(axis=1)  # P·y
+        diagonal = diagonal - np.einsum("ni,ij,nj->n", z, covariance, z)
+        slope: Floats = (self.own * (diagonal - left**2)[:, None]).sum(axis=0)
+        if self.shared.shape[1]:
+            first = self._first
+            along = np.add.reduceat(self.shared[:, :, None] * z[:, None, :], first)
+            trace = (self.shared * of_shared).sum(axis=0)
+            trace = trace - np.einsum("gki,ij,gkj->k", along, covariance, along)
+            drawn = np.add.reduceat(self.shared * left[:, None], first)
+            slope = np.concatenate([slope, trace - (drawn**2).sum(axis=0)])
+        return Fitted(deviance, beta, covariance, slope)
 
     @cached_property
     def variances(self) -> Floats:
         """The most likely variances, shape (c,) [deg²]."""
         return self._best(np.full(self.own.shape[1] + self.shared.shape[1], np.nan))
+
+    @cached_property
+    def fitted(self) -> Fitted:
+        """The fit at the most likely variances."""
+        return self.at(self.variances)
 
     def _best(self, held: Floats, start: Floats | None = None) -> Floats:
         """Return the most likely variances with some held where they are given (not NaN)."""
@@ -158,10 +185,8 @@ class Problem:
 
         def deviance(shares: Floats) -> tuple[float, Floats]:
             found[free] = shares * begin
-            fitted = self.at(found)
-            if not math.isfinite(fitted.deviance):
-                return _FAR**2, np.zeros(len(shares))
-            return fitted.deviance, self._slope(found, fitted)[free] * begin
+            there = self.at(found)
+            return min(there.deviance, _FAR**2), there.slope[free] * begin
 
         best = optimize.minimize(
             deviance,
@@ -174,57 +199,21 @@ class Problem:
         found[free] = best.x * begin
         return found
 
-    def _slope(self, variances: Floats, fitted: Fitted) -> Floats:
-        """Return the deviance's derivatives, shape (c,): tr(P·Vₖ) - yᵀ·P·Vₖ·P·y.
-
-        P = V⁻¹ - V⁻¹·X·(XᵀV⁻¹X)⁻¹·Xᵀ·V⁻¹; Vₖ is diagonal, or s·sᵀ within each outing.
-        """
-        count = self.own.shape[1]
-        order, first = self._order
-        x, own, shared = self.x[order], self.own[order], self.shared[order]
-        w = 1 / ((own * variances[:count]).sum(axis=1) + _FLOOR * self.scale)
-        rest = self.y[order] - (x * fitted.beta).sum(axis=1)
-        columns = np.column_stack([x, rest, shared])
-        solved = w[:, None] * columns  # V⁻¹ times each column, and the diagonal of V⁻¹
-        diagonal = w
-        if shared.shape[1]:
-            root = shared * np.sqrt(variances[count:])
-            weighted = w[:, None] * root
-            inner = np.add.reduceat(weighted[:, :, None] * root[:, None, :], first)
-            inner = np.linalg.inv(inner + np.eye(root.shape[1]))
-            cross = np.add.reduceat(weighted[:, :, None] * columns[:, None, :], first)
-            group = np.repeat(np.arange(len(first)), np.diff(first, append=len(order)))
-            own_part = np.einsum("ni,nij->nj", weighted, inner[group])
-            solved = solved - np.einsum("ni,nij->nj", own_part, cross[group])
-            diagonal = diagonal - (own_part * weighted).sum(axis=1)
-        z, u, of_shared = np.split(solved, [x.shape[1], x.shape[1] + 1], axis=1)
-        diagonal = diagonal - np.einsum("ni,ij,nj->n", z, fitted.covariance, z)
-        found: Floats = (own * (diagonal - u[:, 0] ** 2)[:, None]).sum(axis=0)
-        if not shared.shape[1]:
-            return found
-        along = np.add.reduceat(shared[:, :, None] * z[:, None, :], first)
-        trace = (shared * of_shared).sum(axis=0)
-        trace -= np.einsum("gki,ij,gkj->k", along, fitted.covariance, along)
-        return np.concatenate(
-            [found, trace - (np.add.reduceat(shared * u, first) ** 2).sum(axis=0)]
-        )
-
     def interval(self, which: int) -> Interval:
         """Return one variance with its limits by the likelihood's profile [deg²]."""
         from scipy import stats
 
         best = self.variances
-        if not math.isfinite(self.at(best).deviance):
-            return Interval(float(best[which]), 0.0, math.inf)
-        allowed = self.at(best).deviance + float(stats.chi2.ppf(CONFIDENCE, 1))
-        near = best.copy()
-
-        def over(value: float) -> float:
-            held = np.full(len(best), np.nan)
-            held[which] = value
-            return min(self.at(self._best(held, near)).deviance - allowed, _FAR)
-
         value = float(best[which])
+        if not math.isfinite(self.fitted.deviance):
+            return Interval(value, 0.0, math.inf)
+        allowed = self.fitted.deviance + float(stats.chi2.ppf(CONFIDENCE, 1))
+
+        def over(variance: float) -> float:
+            held = np.full(len(best), np.nan)
+            held[which] = variance
+            return min(self.at(self._best(held, best)).deviance - allowed, _FAR)
+
         low = 0.0
         if value > 1e-9 * self.scale and over(0.0) > 0:
             low = _crossing(over, value, 0.0)
@@ -233,8 +222,7 @@ class Problem:
         while over(high) < 0 and high < 1e9 * self.scale:
             step *= 2
             high += step
-        high = _crossing(over, max(value, high - step), high)
-        return Interval(value, low, high)
+        return Interval(value, low, _crossing(over, max(value, high - step), high))
 
     def effect(self, weights: Floats) -> Interval:
         """Return a combination of mean effects with limits by Student's t.
@@ -242,14 +230,9 @@ class Problem:
         Its degrees of freedom are Satterthwaite's: what the variance of the estimate owes to
         variances that are themselves estimated.
         """
-        from scipy import stats
-
-        fitted = self.at(self.variances)
-        value = float(weights @ fitted.beta)
-        variance = float(weights @ fitted.covariance @ weights)
-        df = self._satterthwaite(weights, variance)
-        half = float(stats.t.ppf((1 + CONFIDENCE) / 2, df)) * math.sqrt(variance)
-        return Interval(value, value - half, value + half, df, math.sqrt(variance))
+        value = float(weights @ self.fitted.beta)
+        variance = float(weights @ self.fitted.covariance @ weights)
+        return Interval.student(value, math.sqrt(variance), self._satterthwaite(weights, variance))
 
     def _satterthwaite(self, weights: Floats, variance: float) -> float:
         most = float(max(1, len(self.y) - self.x.shape[1]))
@@ -257,39 +240,42 @@ class Problem:
         active = np.flatnonzero(best > 1e-6 * self.scale)
         if not len(active) or not variance > 0:
             return most
-        information = self._information(best, active)
-        slope = np.empty(len(active))
+        information, change = np.empty((len(active), len(active))), np.empty(len(active))
         for k, which in enumerate(active):
-            up = best.copy()
-            up[which] *= 1.01
-            there = float(weights @ self.at(up).covariance @ weights)
-            slope[k] = (there - variance) / (0.01 * best[which])
+            step = np.zeros(len(best))
+            step[which] = 0.02 * best[which]
+            up, down = self.at(best + step), self.at(best - step)
+            # Half the deviance's second derivatives.
+            information[k] = (up.slope - down.slope)[active] / (4 * step[which])
+            change[k] = float(weights @ (up.covariance - down.covariance) @ weights)
+            change[k] /= 2 * step[which]
         try:
-            spread = float(slope @ np.linalg.solve(information, slope))
+            spread = float(change @ np.linalg.solve((information + information.T) / 2, change))
         except np.linalg.LinAlgError:
             return most
         return most if not spread > 0 else min(most, max(1.0, 2 * variance**2 / spread))
 
-    def _information(self, best: Floats, active: NDArray[np.intp]) -> Floats:
-        """Return half the deviance's second derivatives, by differences."""
-        steps = 0.02 * best[active]
-        middle = self.at(best).deviance
 
-        def moved(*moves: tuple[int, float]) -> float:
-            there = best.copy()
-            for k, sign in moves:
-                there[active[k]] += sign * steps[k]
-            return self.at(there).deviance
+def _crossing(over: Callable[[float], float], inside: float, outside: float) -> float:
+    """Return where a function rises above 0; an end, if it is on one side all the way."""
+    from scipy import optimize
 
-        size = len(active)
-        found = np.empty((size, size))
-        for i in range(size):
-            both = moved((i, 1)) - 2 * middle + moved((i, -1))
-            found[i, i] = max(both, 1e-12) / (2 * steps[i] ** 2)
-            for j in range(i):
-                mixed = (
-                    moved((i, 1), (j, 1)) - moved((i, 1), (j, -1))
-                    - moved((i, -1), (j, 1)) + moved((i, -1), (j, -1))
-                )  # fmt: skip
-                found[i, j] = found[j, i] = mixed / (8 * steps[i] * steps[j])
-        return found
+    if over(inside) >= 0:
+        return inside
+    if over(outside) <= 0:
+        return outside
+    return float(optimize.brentq(over, *sorted((inside, outside)), rtol=1e-3))
+
+
+def between(values: Floats, errors: Floats) -> float:
+    """Return the deviation of groups' means beyond their own errors (DerSimonian and Laird 1986).
+
+    values, errors : of each group, with its standard error; shape (g,). 0 for fewer than two.
+    """
+    weight = 1 / errors**2
+    if len(values) < 2:
+        return 0.0
+    middle = float((weight * values).sum() / weight.sum())
+    more = float((weight * (values - middle) ** 2).sum()) - (len(values) - 1)
+    room = float(weight.sum() - (weight**2).sum() / weight.sum())
+    return math.sqrt(max(0.0, more / room))

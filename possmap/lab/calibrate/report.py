@@ -8,12 +8,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from PIL import Image, ImageDraw
 
-from possmap.lab.calibrate.factor import JOINT, rectangle_factor
 from possmap.lab.calibrate.heading import LEAST
-from possmap.lab.calibrate.model import directions, lengths
-from possmap.lab.calibrate.results import Calibration, RobotResult
+from possmap.lab.calibrate.model import JOINT, directions, lengths, rectangle_factor
+from possmap.lab.calibrate.odd import notes
+from possmap.lab.calibrate.robots import Calibration, RobotResult
 from possmap.lab.calibrate.trials import Floats, TrialTable
-from possmap.lab.calibrate.words import findings
+from possmap.lab.calibrate.words import findings, plain
 from possmap.pictures import palettes
 from possmap.pictures.charts import Axis, Chart, Point, Series
 from possmap.pictures.palettes import Colour
@@ -35,8 +35,8 @@ _FEW_LINES, _CIRCLE = 14, 96
 
 def sheet(found: Calibration) -> Image.Image:
     """Return the report: a row of three charts and some words for each robot, and for all."""
-    everyone = [*found.robots, *([found.pooled] if found.pooled else [])]
-    shown = everyone if len(everyone) <= MOST else [*everyone[: MOST - 1], everyone[-1]]
+    everyone = found.everyone
+    shown = everyone if len(everyone) <= MOST else (*everyone[: MOST - 1], everyone[-1])
     rows = [_row(one) for one in shown]
     top = _PAD + LARGE + 10
     more = len(everyone) - len(shown)
@@ -80,7 +80,7 @@ def _words(one: RobotResult) -> Iterator[str]:
         f"{name} {value:.4g}" for name, value in one.parameters.items() if name != "factor"
     )
     lines = list(_wrapped(f"Model: {model}."))
-    for sentence in (*findings(one), *one.notes):
+    for sentence in (plain(one), *notes(one), *findings(one)):
         lines += _wrapped(sentence)
     if len(lines) > _FEW_LINES:
         lines = [*lines[: _FEW_LINES - 1], "... the text says the rest."]

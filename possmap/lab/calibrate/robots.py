@@ -3,51 +3,136 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 
 from possmap.lab.calibrate.assumptions import (
-    Assumptions,
+    Independence,
+    Normality,
     Proportionality,
     independence,
     normality,
     proportionality,
 )
-from possmap.lab.calibrate.crossval import Validation, cross_validate, written
-from possmap.lab.calibrate.diagnostics import FEW, leftover, notes
-from possmap.lab.calibrate.estimates import estimates, is_clear
+from possmap.lab.calibrate.estimates import (
+    ParameterEstimate,
+    estimates,
+    for_tracks,
+    is_clear,
+)
 from possmap.lab.calibrate.heading import LEAST, TERMS, Term
+from possmap.lab.calibrate.held_out import (
+    LEAST_DAYS,
+    LegScore,
+    Score,
+    Validation,
+    cross_validate,
+    hold,
+    left_out,
+)
 from possmap.lab.calibrate.model import Fit, directions, fit_model, lengths
-from possmap.lab.calibrate.outliers import without_slips
-from possmap.lab.calibrate.results import Calibration, RobotResult
-from possmap.lab.calibrate.trials import Floats, Trial, TrialTable
-from possmap.lab.calibrate.variance_ratio import for_tracks
+from possmap.lab.calibrate.slips import without_slips
+from possmap.lab.calibrate.trials import Trial, TrialTable
 
-APART = 4.0
-"""Standard errors between two robots' known parts from which they are called different."""
-
+FEW = 20
+"""The paper's number of trials of a manoeuvre; with fewer the result says how much is open."""
 
 HALF_CIRCLE_DEG = 180.0
 
 NOTHING = 1e-6
 """Scatter so small, in metres per metre or degrees, is none: nobody measures it."""
 
+Test: TypeAlias = Normality | Independence | Proportionality
+
 
 class Unusable(Exception):
     """Trials of which no model can be made; the message says why."""
 
 
+@dataclass(frozen=True, eq=False)
+class RobotResult:
+    """What the trials of one robot say, or of all robots together.
+
+    Attributes
+    ----------
+    robot
+        Its name; empty: of all together.
+    trials
+        Those used.
+    fit
+        The model with all terms, before any is left out.
+    parameters
+        The model: METHOD §1's parameters.
+    estimates
+        By parameter.
+    dropped
+        Terms that are not in the model though they could be estimated.
+    tests
+        Of the paper's assumptions; None where there is too little to test.
+    validation
+        None for too few trials.
+    heading, linear
+        Scores of the model as it is written, under each estimator, on trials held out.
+    slips
+        What lay far off, a sentence each.
+    legs
+        Held-out legs, of recordings.
+    mount
+        Angle between the truth's heading and the way driven [deg].
+    stays
+        How errors of trials that follow each other add up, where not like independent ones.
+    """
+
+    robot: str
+    trials: Sequence[Trial]
+    fit: Fit
+    parameters: Mapping[str, float]
+    estimates: Mapping[str, ParameterEstimate]
+    dropped: tuple[Term, ...]
+    tests: Mapping[str, Test | None]
+    validation: Validation | None
+    heading: Score | None
+    linear: Score | None
+    slips: tuple[str, ...] = ()
+    legs: tuple[LegScore, ...] = ()
+    mount: float = 0.0
+    stays: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def is_clear(self) -> Callable[[Term], bool]:
+        """Whether a term is there beyond doubt: it earns its place, or is surely not nothing."""
+        worth = self.validation.worth if self.validation is not None else {}
+        return lambda name: (name in worth and worth[name].earned) or is_clear(self.fit, name)
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What a call found out.
+
+    robots : one each. pooled : of all together; None for a single robot.
+    refused : robots without a model, and why. notes : about the input.
+    """
+
+    robots: tuple[RobotResult, ...]
+    pooled: RobotResult | None
+    refused: Mapping[str, str]
+    notes: tuple[str, ...]
+
+    @property
+    def everyone(self) -> tuple[RobotResult, ...]:
+        """The robots, and behind them all together."""
+        return self.robots if self.pooled is None else (*self.robots, self.pooled)
+
+
 def calibrate(
-    trials: Sequence[Trial],
-    rng: np.random.Generator,
-    remarks: Sequence[str] = (),
-    pool: bool = True,
+    trials: Sequence[Trial], rng: np.random.Generator, pool: bool = True, keep_slips: bool = False
 ) -> Calibration:
     """Calibrate each robot of some trials, and all together if they may be pooled.
 
-    Pooled, each robot counts as an outing of one robot: so spreads hold what differs from robot to
+    Pooled, each robot counts as a day of one robot: so spreads hold what differs from robot to
     robot.
     """
     by_robot: dict[str, list[Trial]] = {}
@@ -57,60 +142,33 @@ def calibrate(
     refused: dict[str, str] = {}
     for robot, own in sorted(by_robot.items()):
         try:
-            found.append(calibrate_robot(robot, own, rng))
+            found.append(calibrate_robot(robot, own, rng, keep_slips))
         except Unusable as reason:
             refused[robot] = str(reason)
-    pooled = None
+    pooled, notes = None, []
     if pool and len(found) > 1:
-        together = [replace(one, outing=robot.robot) for robot in found for one in robot.trials]
+        together = [replace(one, day=robot.robot) for robot in found for one in robot.trials]
         try:
-            pooled = calibrate_robot("", together, rng, fleet=True)
+            pooled = calibrate_robot("", together, rng)
         except Unusable as reason:
-            remarks = (*remarks, f"all together: {reason}")
-    if pooled is not None:
-        words = list(_differences(found))
-        if len(found) < LEAST:
-            words.append(
-                f"{len(found)} robots say little of how robots differ: the pooled spreads are wide "
-                "to match"
-            )
-        pooled = replace(pooled, notes=(*pooled.notes, *words))
-    return Calibration(tuple(found), pooled, refused, tuple(remarks))
-
-
-def _differences(robots: Sequence[RobotResult]) -> Iterator[str]:
-    """Yield which known parts differ between robots beyond what their trials leave open."""
-    for name in ("turn_bias", "turn_gain", "drift", "scale"):
-        known: Mapping[str, tuple[float, float]] = {
-            one.robot: (found.value, (found.high - found.low) / 3.92)
-            for one in robots
-            if (found := one.estimates.get(name)) is not None
-        }
-        if len(known) < 2:
-            continue
-        least = min(known, key=lambda robot: known[robot][0])
-        most = max(known, key=lambda robot: known[robot][0])
-        gap = known[most][0] - known[least][0]
-        error = math.hypot(known[most][1], known[least][1])
-        if error > 0 and gap > APART * error:
-            yield (
-                f"robots differ in {name}: {least} {known[least][0]:.3g}, {most} "
-                f"{known[most][0]:.3g}; their own models are better than the pooled one"
-            )
+            notes.append(f"all together: {reason}")
+    return Calibration(tuple(found), pooled, refused, tuple(notes))
 
 
 def calibrate_robot(
-    robot: str, trials: Sequence[Trial], rng: np.random.Generator, fleet: bool = False
+    robot: str, trials: Sequence[Trial], rng: np.random.Generator, keep_slips: bool = False
 ) -> RobotResult:
     """Return all that the trials of one robot say.
 
     Parameters
     ----------
+    robot
+        Its name; empty for many robots, each a day: all terms then stay in the model, since each
+        robot differs.
     rng
         Draws folds, and the null distribution of Lilliefors' test.
-    fleet
-        Whether they are of many robots, each an outing: all terms then stay in the model, since
-        each robot differs.
+    keep_slips
+        Whether trials far off all others count like any.
 
     Raises
     ------
@@ -119,59 +177,69 @@ def calibrate_robot(
     """
     _refuse(trials)
     slips: list[str] = []
-    if not fleet:  # those of several robots have lost theirs
+    if robot and not keep_slips:  # those of several robots have lost theirs
         trials, slips = without_slips(trials)
-    full = fit_model(trials, fleet=fleet)
+    full = fit_model(trials)
     _refuse_circles(full, trials)
-    validation = cross_validate(trials, rng, fleet)
-    left_out = () if fleet else _not_earned(full, validation)
-    terms = frozenset(TERMS) - set(left_out)
-    chosen = fit_model(trials, terms) if left_out else full
-    stays: dict[str, float] = {}
-    if not fleet:  # of several robots it would be their differences that stay
-        plain, (chosen, ratios) = chosen.parameters, for_tracks(chosen, trials)
-        stays = {f"stays_{k}": one.share for k, one in ratios.items() if one.widening != 1.0}
-        factors = {k: v / plain[k] for k, v in chosen.parameters.items() if v != plain[k]}
-        if validation is not None and (left_out or factors):
-            validation = written(validation, trials, terms, factors)
+    validation = None
+    if robot or full.days >= LEAST_DAYS:
+        validation = cross_validate(trials, rng)
+    worth = validation.worth if validation is not None else {}
+    dropped: tuple[Term, ...] = ()
+    if robot:
+        dropped = tuple(k for k, one in worth.items() if not one.earned and not is_clear(full, k))
+    terms = frozenset(TERMS) - set(dropped)
+    plain = fit_model(trials, terms) if dropped else full
+    # Of several robots it would be their differences that stay.
+    chosen, ratios = for_tracks(plain, trials) if robot else (plain, {})
+    factors = {k: v / plain.parameters[k] if v else 1.0 for k, v in chosen.parameters.items()}
+    scores: list[Score] = []
+    if validation is not None:
+        # The same fits of the other trials, changed by what the whole changed.
+        def written(some: list[Trial]) -> Fit:
+            made = fit_model(some, terms)
+            own = {k: v * factors.get(k, 1.0) for k, v in made.parameters.items()}
+            return replace(made, parameters=own)
+
+        models = left_out(trials, validation.fold, written) or []
+        scores = [hold(trials, models, "heading").score, hold(trials, models, "linear").score]
     return RobotResult(
         robot=robot,
         trials=tuple(trials),
         fit=full,
         parameters=chosen.parameters,
         estimates=estimates(full, chosen),
-        left_out=left_out,
+        dropped=dropped,
         tests=_tests(full, trials, rng),
         validation=validation,
-        leftover=leftover(full, trials) | stays,
-        notes=(*notes(trials, full), *slips),
+        heading=scores[0] if scores else None,
+        linear=scores[1] if scores else None,
+        slips=tuple(slips),
+        stays={name: one.share for name, one in ratios.items() if one.widening != 1.0},
     )
 
 
-def _tests(full: Fit, trials: Sequence[Trial], rng: np.random.Generator) -> Assumptions:
+def _tests(full: Fit, trials: Sequence[Trial], rng: np.random.Generator) -> dict[str, Test | None]:
     """Test what the paper takes for granted, as far as there are runs."""
     if full.heading.runs < LEAST:
-        return Assumptions()
+        return {}
     table = TrialTable.of(trials)
     distance = table.distance[table.run]
     stretched = lengths(table, full.heading.effect("drift")) - full.scale
     off, said = directions(table, full.heading)
     standard = off / said if said.min() > 0 else off
-    return Assumptions(
-        along_normal=normality(stretched, rng),
-        across_normal=normality(standard, rng),
-        independent=independence(stretched, standard),
-        along_grows=proportionality(stretched * distance, distance),
-        across_grows=_of_straight_runs(table, np.radians(off) * distance, distance),
-    )
-
-
-def _of_straight_runs(table: TrialTable, aside: Floats, distance: Floats) -> Proportionality | None:
-    """Test how the error across grows: of runs without a turn before, if there are enough."""
-    straight = table.turned[table.run] == 0
-    if straight.sum() >= FEW // 2:
-        return proportionality(aside[straight], distance[straight])
-    return proportionality(aside, distance)
+    straight = table.turned[table.run] == 0  # how errors across grow, tell runs without a turn
+    if straight.sum() < FEW // 2:
+        straight[:] = True
+    return {
+        "normal_along": normality(stretched, rng),
+        "normal_across": normality(standard, rng),
+        "independent": independence(stretched, standard),
+        "along_proportional": proportionality(stretched * distance, distance),
+        "across_proportional": proportionality(
+            (np.radians(off) * distance)[straight], distance[straight]
+        ),
+    }
 
 
 def _refuse(trials: Sequence[Trial]) -> None:
@@ -189,14 +257,12 @@ def _refuse(trials: Sequence[Trial]) -> None:
     ):
         if len(values) >= LEAST and np.ptp(values) <= NOTHING:
             place = f" (first: {some[0].place})" if some[0].place else ""
+            why = "was the ruler too coarse, or the trials copied?"
+            if some[0].track:
+                why = "is the truth the odometry itself?"
             raise Unusable(
                 f"{name}, found no variance in {len(values)} trials, expected ends that "
-                f"differ{place}: "
-                + (
-                    "is the truth the odometry itself?"
-                    if some[0].track
-                    else "was the ruler too coarse, or the trials copied?"
-                )
+                f"differ{place}: {why}"
             )
 
 
@@ -210,16 +276,3 @@ def _refuse_circles(full: Fit, trials: Sequence[Trial]) -> None:
             f"its run of {longest:g} m: such a drift cannot be told; expected shorter runs, or "
             "headings in degrees"
         )
-
-
-def _not_earned(full: Fit, validation: Validation | None) -> tuple[Term, ...]:
-    """Return the terms that do not make held-out rectangles better; none if that is unknown."""
-    if validation is None:
-        return ()
-    return tuple(
-        term
-        for term in TERMS
-        if term in validation.worth
-        and not validation.worth[term].earned
-        and not is_clear(full, term)
-    )

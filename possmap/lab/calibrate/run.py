@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from possmap.atomic import check_output, replacing_all
 from possmap.core.model import ErrorModel
-from possmap.errors import MissingExtra, OutputError, PossmapError, printable
+from possmap.errors import MissingExtra, OutputError, PossmapError, SettingsError, printable
 from possmap.lab.calibrate.cutting import TrueTrack, cut, turned
+from possmap.lab.calibrate.estimates import for_tracks
 from possmap.lab.calibrate.heading import TERMS
-from possmap.lab.calibrate.inputs import TRUTH, Material, of_simulation, of_tables
+from possmap.lab.calibrate.held_out import Errors, LegScore, Score, held, held_legs
+from possmap.lab.calibrate.inputs import TRUTH, Material, add_simulation, add_tables
 from possmap.lab.calibrate.model import fit_model
-from possmap.lab.calibrate.outliers import without_slips
 from possmap.lab.calibrate.recordings import RecordingsRequest, of_recordings
-from possmap.lab.calibrate.rectangles import Errors, LegScore, held_legs
-from possmap.lab.calibrate.results import Calibration, RobotResult
-from possmap.lab.calibrate.robots import calibrate
-from possmap.lab.calibrate.variance_ratio import for_tracks
+from possmap.lab.calibrate.robots import Calibration, RobotResult, calibrate
+from possmap.lab.calibrate.slips import without_slips
+from possmap.lab.convert.request import models_of
 from possmap.release import version
 from possmap.settings.settings_yaml import model_yaml
 
@@ -45,12 +45,18 @@ class CalibrationRequest:
         Of the legs that recordings are held against [m].
     start_error
         How wrong the truth may be where a leg begins: half-widths x, y [m], heading [deg].
+    leave_out
+        Places of trials that are not to count, as messages name them, or their ends.
+    keep_slips
+        Whether trials far off all others count like any.
     """
 
     recordings: RecordingsRequest | None = None
     seed: int = 1
     lengths: tuple[float, ...] = (10.0, 20.0, 40.0)
     start_error: Errors = (0.0, 0.0, 0.0)
+    leave_out: tuple[str, ...] = ()
+    keep_slips: bool = False
 
 
 def calibrate_files(
@@ -76,13 +82,15 @@ def calibrate_files(
         If an output exists, or cannot be written.
     """
     request = request or CalibrationRequest()
-    if importlib.util.find_spec("scipy") is None:
-        raise MissingExtra("possmap calibrate", "calibrate")
-    _check(output, picture, overwrite)
-    _refuse_twice(paths)
+    for path, suffixes in ((output, (".yaml", ".yml")), (picture, (".png",))):
+        if path is not None:  # before the work and not after it
+            if path.suffix.lower() not in suffixes:
+                name = printable(str(path))
+                raise OutputError(f"{name}: expected a name that ends in {suffixes[0]}")
+            check_output(path, overwrite)
     material = _material(paths, request, progress)
     rng = np.random.default_rng(request.seed)
-    found = calibrate(material.trials, rng, material.notes, material.pool)
+    found = calibrate(material.trials, rng, material.pool, request.keep_slips)
     if not found.robots:
         reasons = "; ".join(f"{robot}: {why}" for robot, why in found.refused.items())
         raise CalibrationError(f"{printable(str(paths[0]))}: {reasons or 'gave no trials'}")
@@ -97,54 +105,98 @@ def calibrate_files(
     return found
 
 
-def _check(output: Path, picture: Path | None, overwrite: bool) -> None:
-    """Refuse outputs that cannot be written, before the work and not after it."""
-    if output.suffix.lower() not in (".yaml", ".yml"):
-        raise OutputError(f"{printable(str(output))}: expected a name that ends in .yaml")
-    check_output(output, overwrite)
-    if picture is not None:
-        if picture.suffix.lower() != ".png":
-            raise OutputError(f"{printable(str(picture))}: expected a name that ends in .png")
-        check_output(picture, overwrite)
+class Judgement(NamedTuple):
+    """How a model fares on trials of one robot that it has not seen.
+
+    heading, linear : under each estimator. legs : of recordings.
+    """
+
+    robot: str
+    heading: Score
+    linear: Score
+    legs: tuple[LegScore, ...]
 
 
-def _refuse_twice(paths: Sequence[Path]) -> None:
-    """Refuse an input that is given twice: its trials would count twice, and limits be narrow."""
-    seen: set[Path] = set()
-    for path in paths:
-        real = path.resolve()
-        if real in seen:
-            raise CalibrationError(f"{printable(str(path))}: is given twice, expected it once")
-        seen.add(real)
+def check_files(
+    model: Path,
+    paths: Sequence[Path],
+    request: CalibrationRequest | None = None,
+    progress: Callable[[int, str], Any] | None = None,
+) -> tuple[list[Judgement], list[str]]:
+    """Hold trials, or recordings beside their truth, against an existing model.
+
+    Returns
+    -------
+    judgements, notes
+        One of each robot; and what is odd about the inputs.
+
+    Raises
+    ------
+    MissingExtra, LogError, RecordingError, SettingsError, CalibrationError
+        As ``calibrate_files``; and if the model cannot be read.
+    """
+    request = request or CalibrationRequest()
+    models = models_of(model, {})
+    material = _material(paths, request, progress)
+    found = []
+    for robot in dict.fromkeys(one.robot for one in material.trials):
+        own = ErrorModel(**models.of(robot))
+        if models.is_silent_on(robot):
+            material.notes.append(
+                f"{printable(str(model))}: says nothing of {robot}, so the defaults are judged; "
+                f"expected --robot with one of {', '.join(models.robots)}"
+            )
+        trials = [one for one in material.trials if one.robot == robot]
+        tracks = [(one, own) for one in material.outings if one.robot == robot]
+        legs = held_legs(
+            tracks, request.lengths, request.start_error, material.mounts.get(robot, 0.0)
+        )
+        heading, linear = (held(trials, own, one).score for one in ("heading", "linear"))
+        found.append(Judgement(robot, heading, linear, tuple(legs)))
+    return found, material.notes
 
 
 def _material(
     paths: Sequence[Path], request: CalibrationRequest, progress: Callable[[int, str], Any] | None
 ) -> Material:
+    """Read the inputs, and leave out what is asked to be."""
+    if importlib.util.find_spec("scipy") is None:
+        raise MissingExtra("possmap calibrate", "calibrate")
+    seen: set[Path] = set()
+    for path in paths:  # or its trials would count twice, and limits be narrow
+        if path.resolve() in seen:
+            raise CalibrationError(f"{printable(str(path))}: is given twice, expected it once")
+        seen.add(path.resolve())
     if request.recordings is not None:
-        return of_recordings(paths, request.recordings, progress)
-    folders = [path for path in paths if path.is_dir()]
-    for folder in folders:
-        if not (folder / TRUTH).is_file():
-            raise CalibrationError(
-                f"{printable(str(folder))}: is a folder without {TRUTH}, expected one that "
-                "possmap simulate wrote"
+        found = of_recordings(paths, request.recordings, progress)
+    else:
+        found = Material()
+        for path in paths:
+            name = printable(str(path))
+            if path.is_dir() and not (path / TRUTH).is_file():
+                raise CalibrationError(
+                    f"{name}: is a folder without {TRUTH}, expected one that possmap simulate wrote"
+                )
+            if not path.is_dir() and path.suffix.lower() not in (".csv", ".gz", ".txt"):
+                raise CalibrationError(
+                    f"{name}: expected trials (.csv), a folder of possmap simulate, or recordings "
+                    "with --mapping or --truth-recording"
+                )
+        for path in filter(Path.is_dir, paths):
+            add_simulation(found, path)
+        add_tables(found, [path for path in paths if not path.is_dir()])
+    for name in request.leave_out:
+        ends = (f":{name}", f"/{name}", f" {name}")
+        which = [one for one in found.trials if one.place == name or one.place.endswith(ends)]
+        if not which:
+            some = ", ".join(one.place for one in found.trials[:2])
+            raise SettingsError(
+                f"--leave-out, found {printable(name)}, which names no trial, expected one such as "
+                f"{printable(some)}"
             )
-    tables = [path for path in paths if not path.is_dir()]
-    for path in tables:
-        if path.suffix.lower() not in (".csv", ".gz", ".txt"):
-            raise CalibrationError(
-                f"{printable(str(path))}: expected trials (.csv), a folder of possmap simulate, or "
-                "recordings with --mapping or --truth-recording"
-            )
-    parts = [of_simulation(folder) for folder in folders]
-    parts += [of_tables(tables)] if tables else []
-    whole = Material([])
-    for part in parts:
-        whole.trials.extend(part.trials)
-        whole.walls.update(part.walls)
-        whole.notes.extend(part.notes)
-    return whole
+        found.trials[:] = [one for one in found.trials if one not in which]
+        found.notes.append(f"left out: {', '.join(one.place for one in which)}")
+    return found
 
 
 def _with_tracks(
@@ -154,19 +206,17 @@ def _with_tracks(
     robots = []
     for one in found.robots:
         walls = material.walls.get(one.robot, {})
+        told = {name: own.model for name, own in walls.items() if own.model is not None}
         mount = material.mounts.get(one.robot, 0.0)
-        leftover = dict(one.leftover) | ({"mount_deg": mount} if mount else {})
-        parameters = dict(one.parameters) | {
-            name: told.model for name, told in walls.items() if told.model is not None
-        }
         outings = [outing for outing in material.outings if outing.robot == one.robot]
+        judged = _halves_judged(one, outings, mount, request.keep_slips)
         robots.append(
             replace(
                 one,
-                parameters=parameters,
-                estimates=dict(one.estimates) | walls,
-                leftover=leftover,
-                legs=tuple(_legs(one, outings, mount, request)),
+                parameters={**one.parameters, **told},
+                estimates={**one.estimates, **walls},
+                mount=mount,
+                legs=tuple(held_legs(judged, request.lengths, request.start_error, mount)),
             )
         )
     pooled = found.pooled
@@ -175,57 +225,45 @@ def _with_tracks(
         parameters = dict(pooled.parameters)
         for name in ("sensor", "alignment_spread"):
             models = [one.parameters[name] for one in robots if name in one.parameters]
-            if models:
-                parameters[name] = max(models)
+            parameters |= {name: max(models)} if models else {}
         pooled = replace(pooled, parameters=parameters)
-    return replace(found, robots=tuple(robots), pooled=pooled)
+    notes = (*material.notes, *found.notes)
+    return replace(found, robots=tuple(robots), pooled=pooled, notes=notes)
 
 
-def _legs(
-    robot: RobotResult,
-    outings: Sequence[TrueTrack],
-    mount: float,
-    request: CalibrationRequest,
-) -> Iterable[LegScore]:
-    """Hold each half of the way against a model of the other half."""
-    blocks = _halves(outings)
-    if len(blocks) < 2:
-        return
-    terms = frozenset(TERMS) - set(robot.left_out)
-    whole = robot.parameters.keys()
+def _halves_judged(
+    robot: RobotResult, outings: Sequence[TrueTrack], mount: float, keep_slips: bool
+) -> list[tuple[TrueTrack, ErrorModel]]:
+    """Return the tracks of each half of the way, with a model of the other half's."""
+    halves = list(_halves(outings))
+    terms = frozenset(TERMS) - set(robot.dropped)
     judged: list[tuple[TrueTrack, ErrorModel]] = []
-    for number, block in enumerate(blocks):
-        others = [one for k, part in enumerate(blocks) if k != number for one in part]
-        trials, _ = without_slips(turned([t for one in others for t in cut(one)], mount))
+    for block, others in (halves, halves[::-1]):
+        trials = turned([trial for one in others for trial in cut(one)], mount)
+        if not trials or not block:
+            return []
+        trials = trials if keep_slips else without_slips(trials)[0]
         fit, _ = for_tracks(fit_model(trials, terms), trials)
-        if not {"along", "across"} <= fit.parameters.keys() or not fit.parameters.keys() <= whole:
-            return
+        if not {"along", "across"} <= fit.parameters.keys() <= robot.parameters.keys():
+            return []
         judged += [(one, fit.model) for one in block]
-    for length in request.lengths:
-        for estimator in ("heading", "linear"):
-            told = held_legs(judged, estimator, length, request.start_error, mount)
-            if told is not None:
-                yield told
+    return judged
 
 
-def _halves(outings: Sequence[TrueTrack]) -> list[list[TrueTrack]]:
+def _halves(outings: Sequence[TrueTrack]) -> tuple[list[TrueTrack], list[TrueTrack]]:
     """Return tracks in two halves of about the same way; one that lies across is cut."""
-    total = sum(float(one.way[-1]) for one in outings)
+    left = sum(float(one.way[-1]) for one in outings) / 2
     first: list[TrueTrack] = []
     second: list[TrueTrack] = []
-    gone = 0.0
     for one in outings:
-        way = one.way
-        middle = int(np.searchsorted(way, total / 2 - gone))
-        if middle >= len(way) - 1:
-            first.append(one)
-        elif middle < 1:
-            second.append(one)
-        else:
-            first.append(one.part(0, middle + 1))
-            second.append(one.part(middle, len(way)))
-        gone += float(way[-1])
-    return [part for part in (first, second) if part]
+        middle = int(np.searchsorted(one.way, left))
+        whole = middle >= len(one.way) - 1
+        if whole or middle >= 1:
+            first.append(one if whole else one.part(0, middle + 1))
+        if not whole:
+            second.append(one.part(max(0, middle), len(one.way)))
+        left -= float(one.way[-1])
+    return first, second
 
 
 def as_yaml(found: Calibration, paths: Sequence[Path]) -> str:
@@ -246,5 +284,8 @@ def as_yaml(found: Calibration, paths: Sequence[Path]) -> str:
         "Known parts are true minus logged; half-widths hold 95 % of new runs (docs/calibrate.md).",
         first,
     ]
-    robots = {one.robot: one.parameters for one in found.robots}
+    robots = {one.robot: dict(one.parameters) for one in found.robots}
+    for one in found.robots if found.pooled is not None else ():
+        # What a robot does not have is said, or the pooled robots' would be taken for it.
+        robots[one.robot] |= {name: float(name == "scale") for name in one.dropped}
     return model_yaml(general, robots, comments)

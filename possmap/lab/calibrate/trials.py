@@ -47,6 +47,9 @@ class Trial:
         Of which track it was cut, right behind the trial before it; empty: of none.
     exact
         Whether its truth is exact, as that of a simulation is.
+    day
+        On which day, or in which recording: from one to the next a robot is another (its tyres,
+        floor, battery). Of robots pooled, which robot.
     """
 
     robot: str
@@ -61,6 +64,7 @@ class Trial:
     place: str = ""
     track: str = ""
     exact: bool = False
+    day: str = ""
 
     @property
     def is_run(self) -> bool:
@@ -68,14 +72,9 @@ class Trial:
         return self.distance >= LEAST_RUN_M and not math.isnan(self.along + self.across)
 
     @property
-    def turned_deg(self) -> float:
-        """How far it turned, either way [deg]."""
-        return abs(self.turn) + abs(self.bend)
-
-    @property
     def is_turn(self) -> bool:
         """Whether it tells anything of turning."""
-        return self.turned_deg >= LEAST_TURN_DEG
+        return abs(self.turn) + abs(self.bend) >= LEAST_TURN_DEG
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +83,8 @@ class TrialTable:
 
     Attributes
     ----------
-    run, told
-        Whether a trial ran, and whether its heading was measured.
+    run, turns, told
+        Whether a trial ran, turned, and whether its heading was measured.
     distance, turn, turned
         [m], [deg], and how far it turned before the run in units of 45°.
     direction, stretch
@@ -102,6 +101,7 @@ class TrialTable:
     """
 
     run: Flags
+    turns: Flags
     told: Flags
     distance: Floats
     turn: Floats
@@ -129,6 +129,7 @@ class TrialTable:
         ran = np.where(run, distance, 0.0)
         return cls(
             run=run,
+            turns=np.array([one.is_turn for one in trials], dtype=np.bool_),
             told=told,
             distance=ran,
             turn=turn,

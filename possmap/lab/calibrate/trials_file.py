@@ -24,6 +24,7 @@ COLUMNS: Mapping[str, str] = {
     "heading": "true minus asked heading at the end, left positive [deg]",
     "outing": "which trials were made in one go",
     "geometry": "how the robot was built or set up",
+    "day": "which trials were made on one day",
 }
 REQUIRED = ("robot", "distance", "turn", "along", "across")
 _WORDS = ("asked", "end", "error", "m", "deg")
@@ -31,6 +32,10 @@ _FARTHEST = 1e6
 
 FARTHEST_DEG = 90.0
 """No robot errs by more: such a heading is itself told, not its error [deg]."""
+
+MOST, MOST_SHARE, CHANCE = 3, 0.1, 0.001
+"""So many trials, or this share of all, may be like an earlier one, unless a coarse ruler says so
+of more; which it does by chance so rarely."""
 
 
 def read_trials(path: Path, limits: Limits | None = None) -> list[Trial]:
@@ -150,6 +155,7 @@ def _trial(fields: Mapping[str, str], place: str) -> Trial:
         heading=heading,
         manoeuvre=printable(fields.get("manoeuvre", "")),
         place=place,
+        day=printable(fields.get("day", "")),
     )
 
 
@@ -165,12 +171,6 @@ def _number(fields: Mapping[str, str], name: str, place: str, optional: bool = F
         what = "a number within ±1e6" + (", or nothing" if optional else "")
         raise LogError(place, f"{name}, found {shown(text)}, expected {what}")
     return value + 0.0
-
-
-MOST, MOST_SHARE = 3, 0.1
-"""So many trials, or this share of all, may be like an earlier one."""
-
-CHANCE = 0.001
 
 
 def repeated(trials: Sequence[Trial]) -> list[tuple[Trial, Trial]]:

@@ -1,19 +1,54 @@
-"""In plain words: whether the paper's model fits, which terms are worth having, what is left."""
+"""In plain words: how a robot errs, whether the paper's model fits, what is left over."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 
-from possmap.lab.calibrate.assumptions import LEVEL, Assumptions
-from possmap.lab.calibrate.crossval import Score
-from possmap.lab.calibrate.estimates import is_clear
-from possmap.lab.calibrate.factor import JOINT
-from possmap.lab.calibrate.heading import Term
-from possmap.lab.calibrate.results import RobotResult
+import numpy as np
+
+from possmap.lab.calibrate.assumptions import LEVEL, Independence, Normality, Proportionality
+from possmap.lab.calibrate.heading import LEAST, Term
+from possmap.lab.calibrate.held_out import Score
+from possmap.lab.calibrate.model import JOINT, directions
+from possmap.lab.calibrate.robots import RobotResult
+from possmap.lab.calibrate.trials import TrialTable
 
 GOOD_TURN_SPREAD = 0.5
 """The estimator heading needs robots no worse (METHOD §1)."""
+
+RULE_M = 10.0
+"""The way on which plain words tell an error."""
+
+
+def plain(result: RobotResult) -> str:
+    """Return how the robot errs, for somebody who has never heard of the parameters."""
+    own, words = result.parameters, []
+    drift = own.get("drift", 0.0)
+    if drift:
+        words.append(f"pulls {abs(drift):.2g}°/m to the {'left' if drift > 0 else 'right'}")
+    bias, gain = own.get("turn_bias", 0.0), 45 * own.get("turn_gain", 0.0)
+    if bias:
+        words.append(
+            f"over-turns {abs(bias):.2g}° per 45° to the {'left' if bias > 0 else 'right'}"
+        )
+    if gain:
+        words.append(f"turns {abs(gain):.2g}° too {'far' if gain > 0 else 'little'} per 45°")
+    scale = own.get("scale", 1.0)
+    if scale != 1:
+        words.append(
+            f"runs {abs(scale - 1):.1%} {'farther' if scale > 1 else 'less far'} than it says"
+        )
+    before = "with that taken out, " if words else ""
+    words = words or ["errs to no side that would show"]
+    if "across" in own:
+        spread = math.radians(own.get("drift_spread", 0.0)) * RULE_M**2 / 2
+        aside = math.hypot(own["across"] * RULE_M, spread)
+        words.append(
+            f"{before}a run of {RULE_M:g} m ends within {own['along'] * RULE_M:.2g} m "
+            f"ahead and {aside:.2g} m aside"
+        )
+    return f"{result.robot or 'such a robot'} {'; '.join(words)}."
 
 
 def findings(result: RobotResult) -> Iterator[str]:
@@ -26,56 +61,46 @@ def findings(result: RobotResult) -> Iterator[str]:
 
 def _of_the_paper(result: RobotResult) -> str:
     """Say what speaks against the paper's model; several tests share the level of one."""
-    tests = result.tests
-    normal = {"along": tests.along_normal, "across": tests.across_normal}
-    grows = {"along": tests.along_grows, "across": tests.across_grows}
-    independent = tests.independent
-    ps = [one.p for one in (*normal.values(), *grows.values()) if one is not None]
-    ps += [independent.p, independent.sizes_p] if independent is not None else []
-    if not ps:
+    tests = {name: one for name, one in result.tests.items() if one is not None}
+    count = sum(2 if isinstance(one, Independence) else 1 for one in tests.values())
+    if not tests:
         return "The paper's model: there is too little to test it."
-    level = LEVEL / len(ps)
-    against = [
-        f"the error {name} grows as distance to the power {one.exponent:.2f}, not 1"
-        for name, one in grows.items()
-        if one is not None and one.p < level
-    ]
+    level = LEVEL / count
+    against = []
+    for name in ("along_proportional", "across_proportional"):
+        grows = tests.get(name)
+        if isinstance(grows, Proportionality) and grows.p < level:
+            which = name.partition("_")[0]
+            against.append(
+                f"the error {which} grows as distance to the power {grows.exponent:.2f}, not 1"
+            )
     against += [
         f"errors {name} are not normal"
-        for name, test in normal.items()
-        if test is not None and test.p < level
+        for name in ("along", "across")
+        if f"normal_{name}" in tests and tests[f"normal_{name}"].p < level
     ]
-    if independent is not None and independent.p < level:
+    independent = tests.get("independent")
+    if isinstance(independent, Independence) and independent.p < level:
         against.append("errors along and across hang together")
-    elif independent is not None and independent.sizes_p < level:
+    elif isinstance(independent, Independence) and independent.sizes_p < level:
         against.append("large errors along and across come together")
     lacking: tuple[Term, ...] = ("turn_gain", "drift", "scale")
-    missing = [name for name in lacking if name in result.parameters and _is_clear(result, name)]
+    missing = [name for name in lacking if name in result.parameters and result.is_clear(name)]
     if missing:
         against.append(f"it lacks {', '.join(missing)}, which this robot clearly has")
     bias = result.estimates.get("turn_bias")
     if bias is not None and bias.low <= 0 <= bias.high:
-        against.append(
-            "turns err to no side that would show"
-            + (", but in the turn's own direction" if "turn_gain" in missing else "")
-        )
+        gains = ", but in the turn's own direction" if "turn_gain" in missing else ""
+        against.append(f"turns err to no side that would show{gains}")
     if not against:
         return (
             "The paper's model fits: nothing in these trials speaks against normal, independent "
             "errors in proportion to distance and an over-turn to one side."
         )
     return (
-        f"The paper's model does not fit as it stands: {'; '.join(against)} (of {len(ps)} tests "
+        f"The paper's model does not fit as it stands: {'; '.join(against)} (of {count} tests "
         f"each counts at {level:.3f})."
     )
-
-
-def _is_clear(result: RobotResult, name: Term) -> bool:
-    """Whether a term is there beyond doubt: it earns its place, or is surely not nothing."""
-    validation = result.validation
-    if validation is not None and name in validation.worth and validation.worth[name].earned:
-        return True
-    return is_clear(result.fit, name)
 
 
 def _terms(result: RobotResult) -> Iterator[str]:
@@ -84,24 +109,24 @@ def _terms(result: RobotResult) -> Iterator[str]:
         what = "trials" if result.robot else "robots"
         yield f"Too few {what} to hold some of them out: all terms are in the model, unproven."
         return
-    full = validation.full
     for name, worth in validation.worth.items():
         without = (
-            f"without it {_share(worth.without, full)}, score {worth.gain:+.1%} ± {worth.error:.1%}"
+            f"without it {_share(worth.without, validation.full)}, score {worth.gain:+.1%} ± "
+            f"{worth.error:.1%}"
         )
         if worth.earned:
             yield f"{name} earns its place: {without}."
-        elif name in result.left_out:
-            where = {"turn_noise": "across", "scale": "along", "drift": "drift_spread"}.get(
-                name, "turn_spread"
-            )
-            yield f"{name} does not earn its place, and is left out (into {where}): {without}."
+        elif name in result.dropped:
+            where = {"turn_noise": "across", "scale": "along", "drift": "drift_spread"}
+            into = where.get(name, "turn_spread")
+            yield f"{name} does not earn its place, and is left out (into {into}): {without}."
         else:
+            kept = "; the pooled model keeps it."
+            if result.robot:
+                kept = ", but is clearly there, and grows on longer ways: kept."
             yield (
-                f"{name} makes no better rectangles at the length of these trials ({without})"
-                + (", but is clearly there, and grows on longer ways: kept." if result.robot
-                   else "; the pooled model keeps it.")
-            )  # fmt: skip
+                f"{name} makes no better rectangles at the length of these trials ({without}){kept}"
+            )
 
 
 def _share(score: Score, full: Score) -> str:
@@ -118,21 +143,21 @@ def _share(score: Score, full: Score) -> str:
 
 
 def _size(result: RobotResult) -> Iterator[str]:
-    validation = result.validation
-    if validation is not None and validation.heading.trials:
-        paper, full = validation.paper, validation.heading
-        yield (
-            f"Of {full.trials} held-out ends {full.coverage:.0%} lie in the rectangles (asked: "
-            f"{JOINT:.0%}), {full.size:.3f} m half-wide in the mean; under the estimator linear "
-            f"{validation.linear.coverage:.0%} at {validation.linear.size:.3f} m; with the paper's "
-            f"model {paper.coverage:.0%} at {paper.size:.3f} m."
-        )
-    if validation is not None and validation.heading.headings:
-        full = validation.heading
-        yield (
-            f"Of {full.headings} held-out headings {full.heading_coverage:.0%} lie within "
-            f"±{full.heading_half:.1f} deg in the mean (asked: 97 %)."
-        )
+    validation, own, linear = result.validation, result.heading, result.linear
+    if validation is not None and own is not None and linear is not None:
+        days = ", of whole days each," if validation.by_day and result.robot else ""
+        if own.trials:
+            yield (
+                f"Of {own.trials} held-out ends{days} {own.coverage:.0%} lie in the rectangles "
+                f"(asked: {JOINT:.0%}), {own.size:.3f} m half-wide in the mean; under the "
+                f"estimator linear {linear.coverage:.0%} at {linear.size:.3f} m; with the paper's "
+                f"model {validation.paper.coverage:.0%} at {validation.paper.size:.3f} m."
+            )
+        if own.headings:
+            yield (
+                f"Of {own.headings} held-out headings {own.heading_coverage:.0%} lie within "
+                f"±{own.heading_half:.1f} deg in the mean (asked: 97 %)."
+            )
     spread = result.parameters.get("turn_spread")
     if spread is not None and spread > GOOD_TURN_SPREAD:
         yield (
@@ -141,17 +166,40 @@ def _size(result: RobotResult) -> Iterator[str]:
         )
 
 
+def leftover(result: RobotResult) -> dict[str, float]:
+    """Return what no parameter stands for: how far ends and headings disagree, and the like."""
+    found: dict[str, float] = {}
+    full, table = result.fit, TrialTable.of(result.trials)
+    both = table.run & table.told
+    if both.sum() >= LEAST and full.heading.runs >= LEAST:
+        off = directions(table, full.heading)[0][both[table.run]]
+        known = full.heading.known(table.turned_told, table.turn_told, table.distance)
+        rest = (table.heading - known)[both]
+        found["heading_minus_direction_deg"] = float((off - rest).std(ddof=1))
+        if (off - rest).std() > 0 and rest.std() > 0 and off.std() > 0:
+            found["direction_and_heading"] = float(np.corrcoef(off, rest)[0, 1])
+    if full.excess > 1:
+        found["ends_scatter_times"] = full.excess
+    spins = [one for one in result.trials if one.is_turn and not one.distance]
+    moved = [math.hypot(one.along, one.across) for one in spins if not math.isnan(one.along)]
+    if len(moved) >= LEAST:
+        found["turn_moves_m"] = float(np.median(moved))
+    if result.mount:
+        found["mount_deg"] = result.mount
+    return found | {f"stays_{name}": share for name, share in result.stays.items()}
+
+
 def _left(result: RobotResult) -> Iterator[str]:
-    left = result.leftover
-    apart = left.get("heading_minus_direction_deg")
-    if apart is not None and apart > 0.1:
+    left = leftover(result)
+    apart = left.get("heading_minus_direction_deg", 0.0)
+    if apart > 0.1:
         both = left.get("direction_and_heading", math.nan)
         yield (
             f"Left over: ends and headings disagree by {apart:.1f} deg (deviation; correlation "
             f"{both:.2f}; the model says 0 and 1): noise of the truth, or turning during the run."
         )
     for name, what in (("along", "along"), ("heading", "of heading")):
-        share = left.get(f"stays_{name}")
+        share = result.stays.get(name)
         if share is not None and share < 1:
             yield (
                 f"Of errors {what}, {share:.0%} of the variance stays from trial to trial (p < "
@@ -165,62 +213,57 @@ def _left(result: RobotResult) -> Iterator[str]:
                 "much as those of independent ones (p < 0.001). The model is widened as far as "
                 "that is beyond doubt."
             )
-    moved = left.get("turn_moves_m")
-    if moved is not None and moved > 0.01:
+    if left.get("turn_moves_m", 0.0) > 0.01:
         yield (
-            f"Left over: a turn on the spot moves the truth by {moved:.3f} m: what was tracked is "
-            "not the point about which the robot turns. No parameter stands for it."
+            f"Left over: a turn on the spot moves the truth by {left['turn_moves_m']:.3f} m: what "
+            "was tracked is not the point about which the robot turns. No parameter stands for it."
         )
-    mount = left.get("mount_deg")
-    if mount:
+    if result.mount:
         yield (
-            f"Left over: the truth's heading lies {mount:+.2f} deg from the way driven; taken out."
+            f"Left over: the truth's heading lies {result.mount:+.2f} deg from the way driven; "
+            "taken out."
         )
-    if result.legs:
+    legs = [leg for leg in result.legs if leg.estimator == "heading"]
+    if legs:
         told = [
             f"{leg.length:g} m: {leg.coverage:.0%} of {leg.poses} poses and {leg.end_coverage:.0%} "
             f"of {leg.legs} ends inside, {leg.half_width:.2f} m half-wide"
-            for leg in result.legs
-            if leg.estimator == "heading"
+            for leg in legs
         ]
         yield f"Legs held against a model of the other half of the way: {'; '.join(told)}."
-    for leg in result.legs:
-        if leg.estimator == "heading" and leg.legs >= 5 and leg.end_coverage < 0.85:
+    for leg in legs:
+        if leg.legs >= 5 and leg.end_coverage < 0.85:
             yield (
                 f"Left over: on legs of {leg.length:g} m only {leg.end_coverage:.0%} of the ends "
                 "lie inside: errors hang together from run to run in a way that no parameter tells."
             )
 
 
-def test_words(tests: Assumptions) -> Iterator[tuple[str, str]]:
+def test_words(result: RobotResult) -> Iterator[tuple[str, str]]:
     """Yield name and outcome of each test, with what one of its size finds."""
-    for name, normal in (("along", tests.along_normal), ("across", tests.across_normal)):
-        if normal is None:
-            continue
-        yield (
-            f"normal {name}",
-            f"{_p(normal.p)} (Lilliefors, D = {normal.distance:.3f}, n = {normal.trials}); would "
-            f"find t(3) tails {normal.power_tails:.0%} of the time, slips in a tenth of the trials "
-            f"{normal.power_mixture:.0%}",
-        )
-    independent = tests.independent
-    if independent is not None:
-        yield (
-            "independent",
-            f"{_p(independent.p)}, r = {independent.correlation:+.2f} [{independent.low:+.2f}, "
-            f"{independent.high:+.2f}]; sizes {_p(independent.sizes_p)}; would find |r| >= "
-            f"{independent.detectable:.2f} 80% of the time",
-        )
-    for name, grows in (("along", tests.along_grows), ("across", tests.across_grows)):
-        if grows is None:
-            yield f"{name} ~ distance", "not tested: about one distance only, or too few trials"
-            continue
-        yield (
-            f"{name} ~ distance",
-            f"{_p(grows.p)}, exponent {grows.exponent:.2f} [{grows.low:.2f}, {grows.high:.2f}] "
-            f"(paper: 1; 0.5: {_p(grows.p_root)}); would find 1 ± {grows.detectable:.2f} "
-            "80% of the time",
-        )
+    for name, one in result.tests.items():
+        first, _, last = name.partition("_")
+        if isinstance(one, Normality):
+            yield (
+                f"normal {last}",
+                f"{_p(one.p)} (Lilliefors, D = {one.distance:.3f}, n = {one.trials}); would find "
+                f"t(3) tails {one.power_tails:.0%} of the time, slips in a tenth of the trials "
+                f"{one.power_mixture:.0%}",
+            )
+        elif isinstance(one, Independence):
+            yield (
+                "independent",
+                f"{_p(one.p)}, r = {one.correlation:+.2f} [{one.low:+.2f}, {one.high:+.2f}]; sizes "
+                f"{_p(one.sizes_p)}; would find |r| >= {one.detectable:.2f} 80% of the time",
+            )
+        elif isinstance(one, Proportionality):
+            yield (
+                f"{first} ~ distance",
+                f"{_p(one.p)}, exponent {one.exponent:.2f} [{one.low:.2f}, {one.high:.2f}] (paper: "
+                f"1; 0.5: {_p(one.p_root)}); would find 1 ± {one.detectable:.2f} 80% of the time",
+            )
+        elif last == "proportional":
+            yield f"{first} ~ distance", "not tested: about one distance only, or too few trials"
 
 
 def _p(value: float) -> str:
