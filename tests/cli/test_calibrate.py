@@ -455,12 +455,12 @@ def test_trials_that_are_given_twice_are_refused(tmp_path: Path) -> None:
 def test_model_and_picture_are_written_both_or_neither(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from possmap.pictures import png
+    from possmap.pictures import palettes
 
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(png, "write_png", full)
+    monkeypatch.setattr(palettes, "write_png", full)
     result = calibrate(TRIALS, "-o", tmp_path / "model.yaml", "--picture", tmp_path / "out.png")
     assert result.exit_code == 1 and "No space left on device" in result.stderr
     assert list(tmp_path.iterdir()) == []

@@ -79,8 +79,8 @@ def _words(one: RobotResult) -> Iterator[str]:
     model = ", ".join(
         f"{name} {value:.4g}" for name, value in one.parameters.items() if name != "factor"
     )
-    lines = list(_wrapped(f"Model: {model}."))
-    for sentence in (plain(one), *notes(one), *findings(one)):
+    lines: list[str] = []
+    for sentence in (plain(one), f"Model: {model}.", *notes(one), *findings(one)):
         lines += _wrapped(sentence)
     if len(lines) > _FEW_LINES:
         lines = [*lines[: _FEW_LINES - 1], "... the text says the rest."]
@@ -89,7 +89,7 @@ def _words(one: RobotResult) -> Iterator[str]:
 
 def _wrapped(text: str) -> Iterator[str]:
     line = ""
-    for word in text.replace("±", "+-").split():
+    for word in text.replace("±", "+-").replace("°", " deg").split():
         longer = f"{line} {word}".strip()
         if line and width(longer, SMALL) > _WIDE - 10:
             yield line
