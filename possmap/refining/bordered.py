@@ -25,8 +25,6 @@ BAND = 5
 
 _NO_WALL = 1e-6
 """What is known of a wall that nobody counts [1/m²]: without it, it might lie anywhere."""
-_AT_ONCE = 256
-"""Columns of an inverse that are held at once."""
 
 
 class Fitted(NamedTuple):
@@ -45,12 +43,11 @@ class Fitted(NamedTuple):
 class _Block(NamedTuple):
     """One excursion's part, as far as it can be solved without the others.
 
-    factor : of its band. shared : A⁻¹B. alone : A⁻¹f. walls : which ones it has to do with.
+    shared : A⁻¹B. alone : A⁻¹f. walls : which ones it has to do with.
     inverse : of what is left for its own two; coupling : of these with its walls, solved;
     own : the two, were there no walls.
     """
 
-    factor: Floats
     shared: Floats
     alone: Floats
     walls: Ints
@@ -143,7 +140,8 @@ class Bordered:
         found = Fitted(np.concatenate(main), own_found, at, None, None)
         if not with_variances:
             return found
-        variances = np.concatenate([_variances(one, covariance) for one in solved])
+        variances = np.concatenate([_of_border(one, covariance) for one in solved])
+        variances += _inverse_diagonal(factor, self._bounds)
         return found._replace(main_variances=variances, wall_variances=np.diag(covariance))
 
     @property
@@ -204,28 +202,42 @@ def _solved(
     inverse = np.linalg.inv(rest[:OWN, :OWN])
     coupled = inverse @ rest[:OWN, OWN:]
     left = rest[OWN:, OWN:] - rest[OWN:, :OWN] @ coupled
-    block = _Block(
-        band, inside[:, :-1], inside[:, -1], walls, inverse, coupled[:, :-1], coupled[:, -1]
-    )
+    block = _Block(inside[:, :-1], inside[:, -1], walls, inverse, coupled[:, :-1], coupled[:, -1])
     return block, left
 
 
-def _variances(one: _Block, covariance: Floats) -> Floats:
-    """Return the diagonal of the inverse within a block."""
-    size = one.factor.shape[1]
-    inverse = np.empty(size)
-    for begin in range(0, size, _AT_ONCE):
-        some = np.arange(begin, min(size, begin + _AT_ONCE))
-        columns = np.zeros((size, len(some)))
-        columns[some, some - begin] = 1.0
-        columns = cho_solve_banded(
-            (one.factor, True), columns, overwrite_b=True, check_finite=False
-        )
-        inverse[some] = columns[some, some - begin]
+def _inverse_diagonal(factor: Floats, bounds: Ints) -> Floats:
+    """Return the diagonal of the inverse of each block, from the factor of the band.
+
+    Takahashi's recursion, from each block's last column to its first, all blocks at once: of the
+    inverse no more than BAND - 1 rows and columns are ever held.
+    """
+    found = np.empty(factor.shape[1])
+    sizes = np.diff(bounds)
+    order = np.argsort(-sizes, kind="stable")  # the blocks that still have columns come first
+    last, sizes = bounds[1:][order] - 1, sizes[order]
+    held = np.zeros((len(order), BAND - 1, BAND - 1))
+    for step in range(int(sizes[0])):
+        column = last[: np.searchsorted(-sizes, -step)] - step
+        held = held[: len(column)]
+        pivot = factor[0, column]
+        below = (factor[1:, column] / pivot).T
+        beside = -np.einsum("bij,bj->bi", held, below)
+        found[column] = pivot**-2.0 - (below * beside).sum(axis=1)
+        moved = np.empty_like(held)
+        moved[:, 1:, 1:] = held[:, :-1, :-1]
+        moved[:, 0, 0] = found[column]
+        moved[:, 0, 1:] = moved[:, 1:, 0] = beside[:, :-1]
+        held = moved
+    return found
+
+
+def _of_border(one: _Block, covariance: Floats) -> Floats:
+    """Return what not knowing the border adds to the variances within a block."""
     of_walls = covariance[np.ix_(one.walls, one.walls)]
     mixed = -one.coupling @ of_walls
     border = np.block([[one.inverse - mixed @ one.coupling.T, mixed], [mixed.T, of_walls]])
-    found: Floats = inverse + ((one.shared @ border) * one.shared).sum(axis=1)
+    found: Floats = ((one.shared @ border) * one.shared).sum(axis=1)
     return found
 
 

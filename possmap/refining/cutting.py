@@ -22,7 +22,7 @@ from possmap.core.walls import (
     is_relabelling,
     is_told,
 )
-from possmap.refining.runs import Excursion, Floats, Frame, Sighting
+from possmap.refining.runs import Excursion, Floats, Frame, Place, Sighting
 
 LEAST_WALL_M = 0.25
 """A shorter piece of wall does not tell in which direction it stands."""
@@ -69,7 +69,7 @@ def cut(version: PartialMap, model: ErrorModel, settings: EvidenceSettings) -> E
     groups = [steps[i:j] for i, j in pairwise([*starts, len(steps)])]
     before = [steps[: starts[0]], *groups[:-1]]
     frame = Frame(settings)
-    chord = np.array([frame.turned(_sum(group)) for group in groups])
+    chord = [frame.turned(_sum(group)) for group in groups]
     poses: list[tuple[float, ...]] = [(0, 0.0, 0.0, 0.0, *start)]
     poses += [(0, 0.0, 0.0, _heading_error(s), *s.laid.end, *s.errors.end) for s in before[0]]
     seen: list[tuple[float, float, float]] = []
@@ -82,9 +82,9 @@ def cut(version: PartialMap, model: ErrorModel, settings: EvidenceSettings) -> E
         version,
         model,
         now.observations,
-        start=frame.turned((first.x, first.y)),
+        start=np.array(frame.turned((first.x, first.y))),
         start_half=np.array([first.error_x, first.error_y]),
-        chord=chord,
+        chord=np.array(chord),
         **_turns(groups, before, first, model),
         seen=np.array(seen, dtype=np.float64).reshape(-1, 3),
         sightings=tuple(sightings),
@@ -141,12 +141,12 @@ def _turn(
     return known, parts, logged.is_run or is_told(logged)
 
 
-def _vector(step: _Step) -> tuple[float, float]:
+def _vector(step: _Step) -> Place:
     (x0, y0), (x1, y1) = step.laid.start, step.laid.end
     return (x1 - x0, y1 - y0) if step.laid.logged.is_run else (0.0, 0.0)
 
 
-def _sum(group: Sequence[_Step]) -> tuple[float, float]:
+def _sum(group: Sequence[_Step]) -> Place:
     vectors = [_vector(step) for step in group]
     return sum(x for x, _ in vectors), sum(y for _, y in vectors)
 
@@ -160,12 +160,11 @@ def _angle(group: Sequence[_Step]) -> float:
     return math.atan2(chord[1], chord[0]) - math.atan2(y, x)
 
 
-def _shares(offset: Floats, chord: Floats) -> tuple[float, float]:
+def _shares(offset: Place, chord: Place) -> Place:
     """Return a and b of a place that lies so far from the start of a run."""
-    squared = float(chord @ chord)
-    along = float(offset @ chord) / squared
-    across = float(chord[0] * offset[1] - chord[1] * offset[0]) / squared
-    return along, across
+    (x, y), (chord_x, chord_y) = offset, chord
+    squared = chord_x * chord_x + chord_y * chord_y
+    return (x * chord_x + y * chord_y) / squared, (chord_x * y - chord_y * x) / squared
 
 
 def _heading_error(step: _Step) -> float:
@@ -173,13 +172,14 @@ def _heading_error(step: _Step) -> float:
 
 
 def _poses(
-    run: int, group: Sequence[_Step], chord: Floats, frame: Frame
+    run: int, group: Sequence[_Step], chord: Place, frame: Frame
 ) -> Iterator[tuple[float, ...]]:
     """Yield the poses that end the stretches of a run."""
-    at = np.zeros(2)
+    x = y = 0.0
     for step in group:
-        at = at + frame.turned(_vector(step))
-        yield run, *_shares(at, chord), _heading_error(step), *step.laid.end, *step.errors.end
+        step_x, step_y = frame.turned(_vector(step))
+        x, y = x + step_x, y + step_y
+        yield run, *_shares((x, y), chord), _heading_error(step), *step.laid.end, *step.errors.end
 
 
 def _seen(
@@ -208,32 +208,33 @@ def _seen(
 
 
 def _sightings(
-    run: int, group: Sequence[_Step], chord: Floats, model: ErrorModel, frame: Frame
+    run: int, group: Sequence[_Step], chord: Place, model: ErrorModel, frame: Frame
 ) -> Iterator[Sighting]:
     """Yield the walls seen during a run that can be told apart by their coordinate."""
     half = math.hypot(model.wall_noise, model.sensor)
-    at = np.zeros(2)
+    at_x = at_y = 0.0  # of the piece's start, from that of the run
     for step in group:
         laid = step.laid
-        origin = frame.turned(laid.start)
-        for record, wall in laid.logged.seen:
-            if not (isinstance(wall, Wall) and laid.logged.is_run):
+        start = frame.turned(laid.start)
+        for record, wall in laid.logged.seen if laid.logged.is_run else ():
+            if not isinstance(wall, Wall):
                 continue
-            ends = [
-                frame.turned(laid.place(*end)) for end in ((wall.x, wall.y), (wall.x2, wall.y2))
-            ]
-            x, y = (ends[1] - ends[0]).tolist()
-            if math.hypot(x, y) < LEAST_WALL_M:
+            x0, y0 = frame.turned(laid.place(wall.x, wall.y))
+            x1, y1 = frame.turned(laid.place(wall.x2, wall.y2))
+            wide, high = abs(x1 - x0), abs(y1 - y0)
+            if math.hypot(wide, high) < LEAST_WALL_M:
                 continue
-            normal = int(abs(x) > abs(y))
-            if math.atan2(min(abs(x), abs(y)), max(abs(x), abs(y))) > MOST_TILT:
+            if math.atan2(min(wide, high), max(wide, high)) > MOST_TILT:
                 continue
-            middle = (ends[0] + ends[1]) / 2
-            a, b = _shares(at + middle - origin, chord)
+            normal = int(wide > high)
+            middle = (x0 + x1) / 2, (y0 + y1) / 2
+            offset = at_x + middle[0] - start[0], at_y + middle[1] - start[1]
+            a, b = _shares(offset, chord)
             if abs(b) > MOST_LEVER or not -1 <= a <= 2:
                 continue
-            robot = origin - at + min(1.0, max(0.0, a)) * chord
-            side = 1 if robot[normal] >= middle[normal] else -1
-            reach = abs(x if normal else y) / 2
+            robot = start[normal] - (at_x, at_y)[normal] + min(1.0, max(0.0, a)) * chord[normal]
+            side = 1 if robot >= middle[normal] else -1
+            reach = max(wide, high) / 2
             yield Sighting(record, run, normal, side, a, b, -reach, reach, half)
-        at = at + frame.turned(_vector(step))
+        step_x, step_y = frame.turned(_vector(step))
+        at_x, at_y = at_x + step_x, at_y + step_y

@@ -22,6 +22,11 @@ from possmap.refining.runs import Excursion, Floats
 from possmap.refining.walls import RefinedWall, Rival, rivals_of, walls_of
 
 
+LEAST_HALF = 0.6
+"""No refined place is better known than this, in cells: what lies in a cell may, rounded to the
+lattice, be stamped into the next."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outing:
     """What became of one excursion.
@@ -107,7 +112,7 @@ def refine(
         if one is None:
             outings.append(_idle(version))
             continue
-        poses = _poses(one, problem, number, found)
+        poses = _poses(one, problem, number, found, LEAST_HALF * settings.resolution)
         outings.append(_outing(one, problem, number, found, poses))
         if not found.alone[number]:
             tracks[version.name] = [RefinedPose(*row) for row in poses.tolist()]
@@ -124,14 +129,17 @@ def _idle(version: PartialMap) -> Outing:
     )  # fmt: skip
 
 
-def _poses(one: Excursion, problem: Problem, number: int, found: Fit) -> Floats:
-    """Return the refined poses of an excursion, the fields of ``RefinedPose``; shape (poses, 6)."""
+def _poses(one: Excursion, problem: Problem, number: int, found: Fit, least: float) -> Floats:
+    """Return the refined poses of an excursion, the fields of ``RefinedPose``; shape (poses, 6).
+
+    least : no half-width is smaller [m].
+    """
     first, last = problem.first_node[number], problem.first_node[number + 1]
     places, halves = one.laid(found.nodes[first:last], found.variances[first:last])
     run = first + one.poses[:, 0].astype(np.int64)
     error = one.poses[:, 3] + np.where(one.poses[:, 1] > 0, found.heading[run], 0.0)
     heading_half = one.model.factor * np.sqrt(found.variances[run, 2])
-    return np.column_stack([places, halves, error, heading_half])
+    return np.column_stack([places, np.maximum(halves, least), error, heading_half])
 
 
 def _outing(one: Excursion, problem: Problem, number: int, found: Fit, poses: Floats) -> Outing:

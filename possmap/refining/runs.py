@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,8 @@ from possmap.core.walls import MOST_OUTLIERS, Observations
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Place: TypeAlias = tuple[float, float]
+"""x and y [m]."""
 
 
 class Sighting(NamedTuple):
@@ -50,10 +52,10 @@ class Frame:
         self.axes = math.radians(settings.axes)
         self._cos, self._sin = math.cos(self.axes), math.sin(self.axes)
 
-    def turned(self, place: tuple[float, float]) -> Floats:
+    def turned(self, place: Place) -> Place:
         """Return a place or vector of the site frame along and across the axes."""
         x, y = place
-        return np.array([self._cos * x + self._sin * y, self._cos * y - self._sin * x])
+        return self._cos * x + self._sin * y, self._cos * y - self._sin * x
 
     def back(self, places: Floats) -> Floats:
         """Return places along and across the axes in the site frame; shape (n, 2)."""
