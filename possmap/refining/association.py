@@ -12,7 +12,7 @@ from possmap.refining.runs import Floats, Ints
 
 GATE = 3.0
 """Standard deviations that a sighting may lie off its wall."""
-WIDEST_GATE_M = 0.6
+WIDEST_GATE_M = 3.0
 """A sighting that might be of anything so far away says nothing yet."""
 CLEARLY = 4.0
 """So much larger must the χ² of the second best wall be, or neither is taken."""

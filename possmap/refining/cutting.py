@@ -175,11 +175,15 @@ def _poses(
     run: int, group: Sequence[_Step], chord: Place, frame: Frame
 ) -> Iterator[tuple[float, ...]]:
     """Yield the poses that end the stretches of a run."""
-    x = y = 0.0
+    x = y = off = 0.0
     for step in group:
         step_x, step_y = frame.turned(_vector(step))
         x, y = x + step_x, y + step_y
-        yield run, *_shares((x, y), chord), _heading_error(step), *step.laid.end, *step.errors.end
+        if step.began and step.laid.logged.is_followed:  # it may not head where it goes
+            cos, sin = step.laid.rotation
+            off = (math.atan2(sin, cos) - _angle(group) + math.pi) % (2 * math.pi) - math.pi
+        error = _heading_error(step) - off
+        yield run, *_shares((x, y), chord), error, *step.laid.end, *step.errors.end
 
 
 def _seen(

@@ -18,8 +18,10 @@ STEPS = 3
 ROBUST = 3.0
 """Standard deviations at which a residual begins to count little (Geman and McClure's)."""
 
-LEAST_SCALE = 0.4
+LEAST_SCALE, MOST_SCALE = 0.4, 4.0
+"""How much better or worse than their models say robots may see walls."""
 SLACK = 1.5
+"""Tracks yield to sightings, which so seem to agree better than they do."""
 
 NOT_ASKED, NOT_ORTHOGONAL = "not asked for", "its walls are not along the axes"
 UNHEARD = (NOT_ASKED, NOT_ORTHOGONAL)
@@ -86,11 +88,13 @@ def fit(excursions: Sequence[Excursion], problem: Problem, robots: Collection[st
         now = _solved(problem, wall_of, now.heading, scale)
         if number < ROUNDS - 1:
             scale = float(
-                np.clip(scale * SLACK * _spread(now.residuals[wall_of >= 0]), LEAST_SCALE, 1)
+                np.clip(
+                    scale * SLACK * _spread(now.residuals[wall_of >= 0]), LEAST_SCALE, MOST_SCALE
+                )
             )
-        if number < ROUNDS - 1:
+        if number == ROUNDS - 2:
             alone = [
-                why or _misfit(one, problem, i, now, wall_of, number == ROUNDS - 2)
+                why or _misfit(one, problem, i, now, wall_of)
                 for i, (one, why) in enumerate(zip(excursions, alone, strict=True))
             ]
     every, _ = _placed(problem, now, [""] * len(excursions), scale)
@@ -163,19 +167,14 @@ def _placed(
     return placed, chosen
 
 
-def _misfit(
-    one: Excursion, problem: Problem, number: int, now: _Solved, wall_of: Ints, is_last: bool
-) -> str:
-    """Return why an excursion is to be left alone, if it is.
-
-    is_last : whether what says nothing yet will say nothing later.
-    """
+def _misfit(one: Excursion, problem: Problem, number: int, now: _Solved, wall_of: Ints) -> str:
+    """Return why an excursion is to be left alone, if it is."""
     mine = problem.sighting_owner == number
     used, ambiguous = int((wall_of[mine] >= 0).sum()), int((wall_of[mine] == AMBIGUOUS).sum())
     if used < FEWEST:
-        return "few sightings" if is_last else ""
+        return "few sightings"
     if ambiguous > used:
-        return "ambiguous" if is_last else ""
+        return "ambiguous"
     doubtful = int((np.abs(now.residuals[mine]) > DOUBTFUL).sum())
     if doubtful > max(1.0, MOST_DOUBTFUL * used):
         return f"misfit: {doubtful} of {used} sightings"

@@ -7,11 +7,13 @@ border is o and b of each excursion, and the coordinates of walls.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
 
+from possmap.core.walls import LEAST_SPREAD_DEG
 from possmap.refining.bordered import OWN, Bordered, Fitted
 from possmap.refining.runs import Excursion, Floats, Ints, Sighting
 
@@ -54,6 +56,7 @@ class Problem:
         self._along_sd = np.maximum(_of_runs(excursions, "along_half"), LEAST_PLACE_M) / per_run
         self._turned_sd = _of_runs(excursions, "turned_half") / per_run
         self._aligned_sd = _of_runs(excursions, "aligned_half") / per_run
+        self._straight_sd = math.radians(LEAST_SPREAD_DEG) / per_run
         self._step, self._parts, self._drifted = (
             _of_runs(excursions, name) for name in ("heading_step", "parts", "distance")
         )
@@ -147,7 +150,11 @@ class Problem:
             system.add([], [], 0 * every, unknown, [blocks + axis], [every])
         system.add([last], [every], 0 * every, every)  # no run begins at the last node
         x, length = 3 * self.node, self._length
+        # A follower goes where the wall goes, whatever its heading.
+        followed = np.isfinite(self._aligned_sd)
+        heading, bends = np.where(followed, 0.0, heading), np.where(followed, 0.0, -length)
         cos, sin = np.cos(heading), np.sin(heading)
+        aside = np.hypot(LEAST_ACROSS_M, np.where(followed, length * self._straight_sd, 0.0))
         along_x = (cos * self._chord[:, 0] - sin * self._chord[:, 1]) / length
         along_y = (sin * self._chord[:, 0] + cos * self._chord[:, 1]) / length
         system.add(
@@ -158,9 +165,9 @@ class Problem:
         )
         system.add(
             [x, x + 1, x + 2, x + 3, x + 4],
-            [along_y, -along_x, -length, -along_y, along_x],
-            -length * heading,
-            one_each * LEAST_ACROSS_M**-2.0,
+            [along_y, -along_x, bends, -along_y, along_x],
+            bends * heading,
+            aside**-2.0,
         )
         begins = np.isin(np.arange(len(x)), self.first_run[:-1])
         system.add(

@@ -21,7 +21,6 @@ from possmap.refining.problem import Problem
 from possmap.refining.runs import Excursion, Floats
 from possmap.refining.walls import RefinedWall, Rival, rivals_of, walls_of
 
-
 LEAST_HALF = 0.6
 """No refined place is better known than this, in cells: what lies in a cell may, rounded to the
 lattice, be stamped into the next."""

@@ -60,8 +60,8 @@ def test_it_says_what_moved_and_who_was_left_alone(site: Path) -> None:
     assert result.stdout == (
         "refined.possmap: 1 wall, 4 of 4 sightings used, 0 ambiguous; 2 of 3 excursions moved\n"
         "robot      excursion        moved   most    ±before ±after  walls  off    left alone\n"
-        "r1         a                0.055   0.079   0.098   0.058     2/2   0.10σ\n"
-        "r2         a                0.055   0.079   0.098   0.058     2/2   0.10σ\n"
+        "r1         a                0.055   0.079   0.098   0.065     2/2   0.10σ\n"
+        "r2         a                0.055   0.079   0.098   0.065     2/2   0.10σ\n"
         "r3         a                0.000   0.000   0.028   0.028     0/0   0.00σ  few sightings\n"
     )
 
