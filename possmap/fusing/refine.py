@@ -22,7 +22,7 @@ from possmap.refining import check_extra
 if TYPE_CHECKING:
     from possmap.refining.refine import Refinement
 
-_RECORD_BYTES = 8000
+_RECORD_BYTES = 3000
 """What refining takes of a record, measured."""
 
 
