@@ -5,8 +5,10 @@ against the truth. Prints, as Markdown, the tables of docs/refine.md: means over
 
     python tests/benchmarks/refining.py [--seeds 10] [--worlds maze ...] [--uncalibrated]
         [--set KEY=VALUE ...]                     # of the missions: ir_noise=0.03
-    python tests/benchmarks/refining.py --nights 60 [--house office]    # time and memory, too
-    python tests/benchmarks/refining.py --flights     # ../shared's, where it is there
+    python tests/benchmarks/refining.py --grid SITE.possmap --truth truth.json
+        # one grid: of many nights, say, as quality.py --nights --keep leaves it; CPU time, memory
+    python tests/benchmarks/refining.py --passes SITE.possmap ...
+        # of one flight each, without a truth: as repeated_passes.py, before and after
 
 A sighting is wrongly associated if, laid out from the true track, it lies more than 6 cm from the
 median of its wall's sightings.
@@ -15,18 +17,21 @@ median of its wall's sightings.
 from __future__ import annotations
 
 import argparse
+import resource
 import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import mean
 
 import numpy as np
 from quality import PLANS, TUNED, WORLDS, World, drive, request
+from repeated_passes import ranges_of
 
-from possmap.core.records import Pose
+from possmap.budget import Budget
+from possmap.core.records import PartialMap, Pose, Record, Wall
 from possmap.core.track import stretches
 from possmap.fusing.fuse import fuse
 from possmap.fusing.refine import refine
@@ -200,6 +205,54 @@ def worlds_study(options: argparse.Namespace) -> None:
     say(line("**all**", {title: mean(one[title] for one in every) for title in COLUMNS}))
 
 
+def one_grid(before: Path, truth_file: Path) -> None:
+    """Print what refining makes of one grid, what it costs, and how its tracks fare."""
+    truth = read_truth(truth_file, Limits())
+    with tempfile.TemporaryDirectory() as name:
+        after = Path(name) / "after.possmap"
+        start = time.process_time()
+        done = refine(before, after, budget=Budget(4096))
+        seconds = time.process_time() - start
+        most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10
+        moved = sum(not one.alone for one in done.found.outings)
+        say(
+            f"{moved} of {len(done.found.outings)} excursions moved, "
+            f"{len(done.found.walls)} walls; {seconds:.1f} s of CPU time, {most} MB",
+            f"before {tracks_of(before, truth)}",
+            f"after  {tracks_of(after, truth)}",
+            f"wrong {' of '.join(map(str, wrong_of(before, truth)))}",
+        )
+
+
+def laid_out(grid: Path) -> PartialMap:
+    """Return the one excursion of a grid with poses and walls where they lie on the map."""
+    with Grid(grid) as site:
+        (entry,) = site.ledger.entries()
+        version, places = site.ledger.version(entry), site.ledger.geometry(entry)
+    records: list[Record] = []
+    for number, record in enumerate(version.records):
+        at = places.get(number)
+        if at is not None and isinstance(record, Wall):
+            records.append(replace(record, x=at.x, y=at.y, x2=at.x2, y2=at.y2))
+        elif at is not None and isinstance(record, Pose):
+            records.append(replace(record, x=at.x, y=at.y))
+        else:
+            records.append(record)
+    return replace(version, records=tuple(records))
+
+
+def passes_study(grids: Sequence[Path]) -> None:
+    """Print how far apart the walls of one corridor lie on repeated passes."""
+    for before in grids:
+        with tempfile.TemporaryDirectory() as name:
+            after = Path(name) / "after.possmap"
+            (told,) = refine(before, after).found.outings
+            for title, grid in (("before", before), ("after", after)):
+                ranges = list(ranges_of(laid_out(grid)))
+                apart = mean(one for one, _ in ranges)
+                say(f"{before.stem} {title}: {apart:.3f} m, {len(ranges)} walls {told.alone}")
+
+
 def line(name: str, told: Mapping[str, float]) -> str:
     """Return a row of a table."""
     return f"| {name} | {' | '.join(f'{told[title]:.3f}' for title in COLUMNS)} |"
@@ -221,8 +274,16 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=101)
     parser.add_argument("--uncalibrated", action="store_true")
     parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="of missions")
+    parser.add_argument("--grid", type=Path)
+    parser.add_argument("--truth", type=Path)
+    parser.add_argument("--passes", type=Path, nargs="*")
     options = parser.parse_args()
-    worlds_study(options)
+    if options.grid:
+        one_grid(options.grid, options.truth)
+    elif options.passes:
+        passes_study(options.passes)
+    else:
+        worlds_study(options)
 
 
 if __name__ == "__main__":

@@ -134,6 +134,15 @@ def _together(one: Pass, other: Pass) -> bool:
     return one.axis == other.axis and overlap >= OVERLAP_M and near
 
 
+def ranges_of(log: PartialMap) -> Iterator[tuple[float, int]]:
+    """Yield how far apart one wall lies [m], and on how many passes it was seen."""
+    for group in corridors(list(passes(log))):
+        for side in (-1, 1):
+            places = [one.walls[side] for one in group if side in one.walls]
+            if len(places) > 1:
+                yield max(places) - min(places), len(places)
+
+
 def main() -> None:
     """Print the ranges of each log's corridors."""
     parser = argparse.ArgumentParser(
@@ -142,12 +151,7 @@ def main() -> None:
     parser.add_argument("logs", nargs="+", type=Path)
     for path in parser.parse_args().logs:
         for delivery in read_log(path, Limits()).deliveries:
-            ranges = []
-            for group in corridors(list(passes(delivery.version))):
-                for side in (-1, 1):
-                    places = [one.walls[side] for one in group if side in one.walls]
-                    if len(places) > 1:
-                        ranges.append((max(places) - min(places), len(places)))
+            ranges = list(ranges_of(delivery.version))
             width = [value for value, _ in ranges]
             sys.stdout.write(
                 f"{path.name}: {len(ranges)} walls seen on {sum(n for _, n in ranges)} passes; "
