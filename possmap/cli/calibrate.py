@@ -199,9 +199,10 @@ def _request(
             read_mapping(find_mapping(name)) if name else None
             for name in (mapping, truth_mapping or (mapping if truth else None))
         )
+        raw = Source(max_speed=math.inf)  # where the two part in a jump, trials end themselves
         recordings = RecordingsRequest(
-            source=Source(mapping=own, pose_of=pose_of),
-            truth_source=Source(mapping=of_truth, pose_of=truth_pose or pose_of),
+            source=dataclasses.replace(raw, mapping=own, pose_of=pose_of),
+            truth_source=dataclasses.replace(raw, mapping=of_truth, pose_of=truth_pose or pose_of),
             truth=truth,
             robot=robot,
             lag=lag,

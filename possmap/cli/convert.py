@@ -14,7 +14,7 @@ from possmap.cli import options
 
 if TYPE_CHECKING:
     from possmap.lab.convert.request import Request
-    from possmap.lab.recordings.mapping import Mapping
+    from possmap.lab.recordings import Mapping
 
 
 class _Range(click.FloatRange):
@@ -148,6 +148,15 @@ def _angles(ctx: click.Context, param: click.Parameter, value: str) -> Any:
     "  [default: 0.05]",
 )  # fmt: skip
 @click.option(
+    "--jump", type=click.Choice(["bridge", "drop", "split"]), default="bridge", show_default=True,
+    help="Steps that no robot can make: go on from before, leave out rows until one fits, or begin "
+    "an excursion.",
+)  # fmt: skip
+@click.option(
+    "--max-speed", type=_Range(0, 1e6, min_open=True), metavar="M/S",
+    help="What is faster is such a step.  [default: what stands out of the recording]",
+)  # fmt: skip
+@click.option(
     "--echo", type=_Range(0, 1000), default=0.25, show_default=True, metavar="M",
     help="Drop readings this near to the robot's own track within 6 s; 0: never.",
 )  # fmt: skip
@@ -232,6 +241,7 @@ def _request(given: dict[str, Any]) -> Request:
         mapping=read(given.pop("reference_mapping")),
         pose_of=given.pop("reference_pose"),
         clock=given["clock"],
+        max_speed=math.inf,  # what is known is not to be mended
     )
 
     def taken(kind: type) -> dict[str, Any]:

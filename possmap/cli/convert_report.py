@@ -13,6 +13,10 @@ from possmap.errors import plural, printable
 from possmap.lab.convert.hits import ECHOES
 from possmap.lab.convert.orthogonal import Alignment
 from possmap.lab.convert.run import Converted
+from possmap.lab.recordings.leaps import JUMPS
+
+SLOWEST, FASTEST = 2e-3, 20.0
+"""No robot drives slower or faster in the middle of its way [m/s]."""
 
 STEADY_DEG_PER_M = 0.2
 """A drift that the axes of a building should not have to take out [deg/m]."""
@@ -26,12 +30,14 @@ def to_json(found: Sequence[Converted], output: Path) -> dict[str, Any]:
 def _one_to_json(one: Converted) -> dict[str, Any]:
     outcome = one.outcome
     told: dict[str, Any] = {
-        "recording": one.recording,
+        "recording": one.recording.name,
         "robot": one.robot,
         "excursions": outcome.legs,
         "metres": round(outcome.way, 3),
         "samples": outcome.samples,
-        "beams": one.beams,
+        "beams": len(one.recording.mounts),
+        "beams_not_used_deg": [_degrees(angle) for angle in one.recording.unused],
+        "median_speed": round(outcome.speed, 4) if math.isfinite(outcome.speed) else None,
         "records": dict(sorted(outcome.kinds.items())),
         "followed": outcome.followed,
         "turned_deg": round(outcome.turned_deg, 2),
@@ -40,6 +46,7 @@ def _one_to_json(one: Converted) -> dict[str, Any]:
             "median": round(outcome.strays.median, 5),
             "worst": round(outcome.strays.worst, 5),
         },
+        "notes": one.tally.notes,
         "counted": [
             {"what": what, "count": count.count, "first": count.first or None}
             for what, count in one.tally.counts.items()
@@ -77,7 +84,7 @@ def _degrees(angle: float) -> float | None:
 def report(found: Sequence[Converted], output: Path, verbose: bool) -> None:
     """Print what came of the recordings: the figures of the JSON, and what to doubt."""
     for one in found:
-        told, name = _one_to_json(one), printable(one.recording)
+        told, name = _one_to_json(one), printable(one.recording.name)
         records, strays = told["records"], told["strays_m"]
         kinds = [
             plural(records[kind], kind)
@@ -86,7 +93,7 @@ def report(found: Sequence[Converted], output: Path, verbose: bool) -> None:
         ]
         click.echo(
             f"{name}: {plural(told['samples'], 'sample')}, {one.outcome.way:.1f} m, "
-            f"{plural(one.beams, 'beam')} -> {plural(told['excursions'], 'excursion')} of "
+            f"{plural(told['beams'], 'beam')} -> {plural(told['excursions'], 'excursion')} of "
             f"{printable(one.robot)}: {', '.join(kinds)}"
         )
         click.echo(
@@ -94,6 +101,11 @@ def report(found: Sequence[Converted], output: Path, verbose: bool) -> None:
             f"{strays['worst'] * 1000:.0f} mm at worst; "
             f"turns {one.outcome.turned_deg:.0f} deg in all"
         )
+        for note in told["notes"]:
+            click.echo(f"  source     {printable(note)}")
+        if one.recording.unused:
+            angles = ", ".join(f"{angle:g}" for angle in told["beams_not_used_deg"])
+            click.echo(f"  beams      not used: those at {angles} deg (--beams)")
         for entry in told["counted"]:
             first = f" (first: {printable(entry['first'])})" if entry["first"] else ""
             click.echo(f"  counted    {entry['count']} {entry['what']}{first}")
@@ -130,12 +142,23 @@ def _report_alignment(told: dict[str, Any], verbose: bool) -> None:
 def _doubts(one: Converted) -> Iterator[str]:
     """Yield what makes one doubt that the recording was read as it should be."""
     outcome, echoes = one.outcome, one.tally.of(ECHOES)
-    if one.beams and not outcome.readings:
+    if one.recording.mounts and not outcome.readings:
         yield "no beam has a reading within reach, so the log is a track alone"
     elif 2 * echoes > outcome.readings:
         yield (
             f"{echoes} of {outcome.readings} readings were taken for the robot's own echo: if its "
             "walls are that near, give a smaller --echo"
+        )
+    if not SLOWEST <= outcome.speed <= FASTEST and math.isfinite(outcome.speed):
+        yield (
+            f"its median speed is {outcome.speed:.3g} m/s, which no robot has: are the units of "
+            "length, speed and time (units in the mapping) those of the recording?"
+        )
+    jumps = sum(count.count for what, count in one.tally.counts.items() if what in JUMPS)
+    if jumps:
+        yield (
+            f"{plural(jumps, 'step')} no robot can make: --jump says what becomes of them, "
+            "--max-speed which they are; counters that begin anew need ticks: {wrap: ...}"
         )
     if one.alignment is not None and one.alignment.is_doubtful:
         yield (

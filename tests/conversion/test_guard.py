@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from possmap.lab.convert.tally import Tally
-from possmap.lab.recordings.sense import REPLACED, JumpGuard
+from possmap.lab.recordings.guard import REPLACED, JumpGuard
 
 T = np.arange(100) / 10
 STEADY = np.column_stack([0.5 * T, np.zeros(100)])

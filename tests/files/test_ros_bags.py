@@ -17,9 +17,9 @@ import pytest
 from bags import BAG_LATER_S, FORMATS, START_S, Message, bag_ns, words_of, write_bag
 
 from possmap.errors import RecordingError, SettingsError
-from possmap.lab.convert.samples import Mount, Samples, joined
+from possmap.lab.convert.samples import Samples, joined
 from possmap.lab.convert.tally import Tally
-from possmap.lab.recordings.mapping import Mapping, Nothing, Scan, Table, Units
+from possmap.lab.recordings.mapping import Mapping, Nothing, Scan, SeatedAt, Table, Units
 from possmap.lab.recordings.rosbag.frames import UNKNOWN
 from possmap.lab.recordings.rosbag.recording import Clock, open_bag
 from possmap.lab.recordings.rosbag.topics import table_of
@@ -33,7 +33,7 @@ ROUND = [1.0 + 0.01 * index for index in range(36)]
 
 
 def topics_of(*options: str, **rest: object) -> Mapping:
-    return Mapping("ros", tuple(table_of(option) for option in options), **rest)  # type: ignore[arg-type]
+    return Mapping(format="ros", tables=tuple(map(table_of, options)), **rest)  # type: ignore[arg-type]
 
 
 def read(
@@ -190,7 +190,7 @@ def test_readings_beyond_the_limits_are_none_and_infinity_is_nothing_in_sight(
     ]
     path = write_bag(tmp_path, "mcap", still("mcap", scans))
     samples, tally = read(path, wanted=(0.0,))
-    assert ranges_of(samples) == [1.5, math.inf, math.inf]
+    assert ranges_of(samples) == [1.5, -10, -10]
     assert tally.of(INVALID) == 5
 
 
@@ -222,10 +222,10 @@ def test_a_list_of_an_own_type_is_a_scan_if_the_mapping_says_so(tmp_path: Path) 
     words = words_of("mcap")
     own: list[Message] = [("/ring", bag_ns(0.2), words.raw(0.2, 100, 200, 300, 400))]
     path = write_bag(tmp_path, "mcap", still("mcap", own))
-    scan = Scan("raw", -math.pi / 2, math.pi / 2, x=0.1)
+    scan = Scan(column="raw", first_deg=-math.pi / 2, step_deg=math.pi / 2, x=0.1)
     mapping = Mapping(
-        "ros",
-        (Table("/odom"), Table("/ring", scan=scan)),
+        format="ros",
+        tables=(Table(topic="/odom"), Table(topic="/ring", scan=scan)),
         units=Units(range="cm", time="ms"),
         nothing=Nothing(values=(300.0,)),
     )
@@ -233,7 +233,7 @@ def test_a_list_of_an_own_type_is_a_scan_if_the_mapping_says_so(tmp_path: Path) 
     assert recording.mounts[0].x == 0.1
     samples, _ = read(path, mapping)
     found = samples.ranges[~np.isnan(samples.ranges).all(axis=1)]
-    assert found.tolist() == [[1.0, 2.0, math.inf, 4.0]]
+    assert found.tolist() == [[1.0, 2.0, -math.inf, 4.0]]
     assert samples.x.max() == pytest.approx(2.9)  # in metres still
 
 
@@ -248,7 +248,7 @@ def test_the_only_one_looks_ahead(tmp_path: Path) -> None:
     (mount,) = open_bag(path, FOUR, None).mounts
     assert mount.angle == 0.0
     samples, tally = read(path)
-    assert ranges_of(samples) == [0.5, math.inf, math.inf, math.inf]
+    assert ranges_of(samples) == [0.5, -2, -2, -2]
     assert tally.of(INVALID) == 4
 
 
@@ -539,11 +539,13 @@ def test_roles_beams_and_angles() -> None:
     assert table.source == "/s"
     assert table.columns == {"x": "raw[0]", "y": "pose.y", "qw": "q[3].w"}
     assert [beam.column for beam in table.beams] == ["raw[2]", "range"]
-    angles = [math.degrees(beam.mount.angle) for beam in table.beams]
+    angles = [math.degrees(beam.angle) for beam in table.beams]
     assert angles == pytest.approx([-90, 0.5])
-    assert table_of("/sonar:angle=45").mount == Mount(math.radians(45))
-    assert table_of("/s:angle=-90, at_x=0.25,at_y=-1").mount == Mount(-math.pi / 2, 0.25, -1.0)
-    assert table_of("/s:at_y=0.5").mount == Mount(0.0, 0.0, 0.5)
+    assert table_of("/sonar:angle=45").mount == SeatedAt(angle_deg=math.radians(45))
+    at = SeatedAt(angle_deg=-math.pi / 2, x=0.25, y=-1.0)
+    assert table_of("/s:angle=-90, at_x=0.25,at_y=-1").mount == at
+    assert table_of("/s:at_y=0.5").mount == SeatedAt(y=0.5)
+    assert table_of("/tf:odom.base_link").frames == "odom.base_link"
     assert table_of("/s").mount is None
 
 

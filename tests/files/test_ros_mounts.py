@@ -12,8 +12,7 @@ from bags import FORMATS, Message, Transform, bag_ns, words_of, write_bag
 from possmap.errors import RecordingError, SettingsError
 from possmap.lab.convert.samples import Mount, joined
 from possmap.lab.convert.tally import Tally
-from possmap.lab.recordings.mapping import Mapping
-from possmap.lab.recordings.mapping_file import read_mapping
+from possmap.lab.recordings.mapping import Mapping, read_mapping
 from possmap.lab.recordings.rosbag.frames import OTHER_BODY, TILTED, UNKNOWN, UNREADABLE
 from possmap.lab.recordings.rosbag.recording import open_bag
 from possmap.lab.recordings.rosbag.topics import table_of
@@ -121,7 +120,7 @@ def test_without_transforms_the_middle_is_assumed_and_said(tmp_path: Path, form:
 def test_the_option_has_the_last_word(tmp_path: Path, transforms: list[Transform] | None) -> None:
     path = write_bag(tmp_path, "mcap", flight("mcap", transforms))
     tables = tuple(map(table_of, ("/odom", "/scan:angle=90,at_x=0.25")))
-    found, tally = ends_of(path, Mapping("ros", tables))
+    found, tally = ends_of(path, Mapping(format="ros", tables=tables))
     check(found, [(0.25, -1.0), (0.25 + 1.09, 0.0), (0.25, 1.18)])
     assert not tally.counts
 
@@ -263,7 +262,7 @@ def test_several_range_finders_of_which_one_is_unknown_are_refused(tmp_path: Pat
     with pytest.raises(RecordingError, match="--topic TOPIC:angle=DEGREES"):
         open_bag(path, SIDES, None)
     tables = tuple(map(table_of, ("/odom", "/left", "/front:angle=0,at_x=0.3")))
-    left, front = open_bag(path, SIDES, Mapping("ros", tables)).mounts
+    left, front = open_bag(path, SIDES, Mapping(format="ros", tables=tables)).mounts
     assert left.y == pytest.approx(0.2)
     assert front == Mount(0.0, 0.3)
 

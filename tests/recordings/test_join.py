@@ -12,7 +12,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from possmap.errors import RecordingError
-from possmap.lab.convert.samples import Mount, Samples, joined
+from possmap.lab.convert.samples import Samples, joined
 from possmap.lab.convert.tally import Tally
 from possmap.lab.recordings import join as join_module
 from possmap.lab.recordings.join import (
@@ -25,12 +25,18 @@ from possmap.lab.recordings.mapping import Beam, Mapping, Table
 from possmap.lab.recordings.readings import Readings
 
 GAP = 1.0
-PLACE = Table("place", {"t": "t", "x": "x", "y": "y"})
-POSE = Table("pose", {"t": "t", "x": "x", "y": "y", "yaw": "yaw"})
-YAW = Table("yaw", {"t": "t", "yaw": "yaw"})
-RANGE = Table("range", {"t": "t"}, (Beam("r", Mount(0.0)),))
-YAW_RANGE = Table("both", {"t": "t", "yaw": "yaw"}, (Beam("r", Mount(0.0)),))
-POSE_RANGE = Table("all", {"t": "t", "x": "x", "y": "y", "yaw": "yaw"}, (Beam("r", Mount(0.0)),))
+PLACE = Table(file="place", columns={"t": "t", "x": "x", "y": "y"})
+POSE = Table(file="pose", columns={"t": "t", "x": "x", "y": "y", "yaw": "yaw"})
+YAW = Table(file="yaw", columns={"t": "t", "yaw": "yaw"})
+RANGE = Table(file="range", columns={"t": "t"}, beams=(Beam(column="r", angle_deg=0.0),))
+YAW_RANGE = Table(
+    file="both", columns={"t": "t", "yaw": "yaw"}, beams=(Beam(column="r", angle_deg=0.0),)
+)
+POSE_RANGE = Table(
+    file="all",
+    columns={"t": "t", "x": "x", "y": "y", "yaw": "yaw"},
+    beams=(Beam(column="r", angle_deg=0.0),),
+)
 
 
 @dataclass
@@ -45,9 +51,10 @@ class Rows:
         t, told = np.array(self.t[start:stop]), np.array(self.told[start:stop])
         return Readings(
             t,
-            np.column_stack([told, -2 * told]).reshape(-1, 2) if table.gives_place else None,
-            told / 7 if table.gives_yaw else None,
+            np.column_stack([told, -2 * told]).reshape(-1, 2) if "x" in table.columns else None,
+            told / 7 if "yaw" in table.columns else None,
             told[:, None] if table.beams else None,
+            np.zeros(len(t)) if "x" in table.columns else None,
         )
 
 
@@ -56,8 +63,8 @@ def fed(
 ) -> tuple[Samples | None, Tally]:
     """Feed a join as files are read: always the table that is most behind, in blocks."""
     tally = Tally()
-    widths = [len(table.beams) for table in tables]
-    mapping = Mapping("csv", tuple(tables), gap=gap)
+    widths = [(len(table.beams), 0) for table in tables]
+    mapping = Mapping(format="csv", tables=tuple(tables), gap=gap)
     join = Join("drive", mapping, widths, tally, patience=math.inf)
     at = [0] * len(tables)
     open_ones = set(range(len(tables)))
@@ -73,12 +80,8 @@ def fed(
         turn += 1
         join.feed(behind, rows[behind].readings(tables[behind], at[behind], stop))
         at[behind] = min(stop, len(rows[behind].t))
-        part = join.samples()
-        if part is not None:
-            found.append(part)
-    part = join.samples(last=True)
-    if part is not None:
-        found.append(part)
+        found += join.samples()
+    found += join.samples(last=True)
     return (joined(found) if found else None), tally
 
 
@@ -106,8 +109,8 @@ def literally(
     tables: Sequence[Table], rows: Sequence[Rows], gap: float
 ) -> tuple[list[tuple[float, ...]], int, int]:
     """Return each sample (t, x, y, yaw, ranges), and how many rows lack a pose or a heading."""
-    place = next(k for k, table in enumerate(tables) if table.gives_place)
-    yaw = next(k for k, table in enumerate(tables) if table.gives_yaw)
+    place = next(k for k, table in enumerate(tables) if "x" in table.columns)
+    yaw = next(k for k, table in enumerate(tables) if "yaw" in table.columns)
     without_pose = without_heading = 0
     ranged = [k for k, table in enumerate(tables) if table.beams]
     samples: dict[float, list[float]] = {}
@@ -201,24 +204,25 @@ def test_rows_of_one_time_are_one_sample_however_they_are_fed(
 
 def test_headings_that_end_early_end_the_track_and_the_rest_is_counted_not_kept() -> None:
     place, yaw = Rows(list(range(500)), list(range(500))), Rows([0, 10, 20], [0, 1, 2])
-    join = Join("drive", Mapping("csv", (PLACE, YAW)), (0, 0), tally := Tally(), math.inf)
+    mapping = Mapping(format="csv", tables=(PLACE, YAW))
+    join = Join("drive", mapping, [(0, 0)] * 2, tally := Tally(), math.inf)
     join.feed(1, yaw.readings(YAW))
     join.close(1)
     count = 0
     for start in range(0, 500, 10):
         join.feed(0, place.readings(PLACE, start, start + 10))
-        part = join.samples()
-        count += 0 if part is None else len(part)
+        count += sum(map(len, join.samples()))
         assert join.waiting < 25
-    part = join.samples(last=True)
-    assert count + (0 if part is None else len(part)) == 21
+    assert count + sum(map(len, join.samples(last=True))) == 21
     assert tally.of(WITHOUT_HEADING) == 479
 
 
 def late(patience: float) -> tuple[list[float], Tally]:
     """Feed ranges that stop for a minute, and come again late."""
     tally = Tally()
-    join = Join("drive", Mapping("ros", (POSE, RANGE)), (0, 1), tally, patience)
+    join = Join(
+        "drive", Mapping(format="csv", tables=(POSE, RANGE)), [(0, 0), (1, 0)], tally, patience
+    )
     pose = Rows(list(range(60)), list(range(60)))
     times: list[float] = []
     for k in range(60):
@@ -227,10 +231,8 @@ def late(patience: float) -> tuple[list[float], Tally]:
             # The second time one row is from where samples were given out already.
             rows = Rows([0.5, 1.5], [1, 2]) if k == 1 else Rows([30.5, 48.75, 58.5], [3, 4, 5])
             join.feed(1, rows.readings(RANGE))
-        part = join.samples()
-        times += [] if part is None else part.t.tolist()
-    part = join.samples(last=True)
-    times += [] if part is None else part.t.tolist()
+        times += [t for part in join.samples() for t in part.t.tolist()]
+    times += [t for part in join.samples(last=True) for t in part.t.tolist()]
     return times, tally
 
 
@@ -252,14 +254,14 @@ def test_tables_that_never_meet_are_refused_before_memory_ends(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(join_module, "MOST_WAITING", 100)
-    join = Join("drive.bag", Mapping("ros", (PLACE, YAW)), (0, 0), Tally())
+    join = Join("drive.bag", Mapping(format="csv", tables=(PLACE, YAW)), [(0, 0)] * 2, Tally())
     rows = Rows(list(range(200)), list(range(200)))
     for start in range(0, 100, 10):
         join.feed(0, rows.readings(PLACE, start, start + 10))
-        assert join.samples() is None
+        assert list(join.samples()) == []
     join.feed(0, rows.readings(PLACE, 100))
     with pytest.raises(RecordingError) as caught:
-        join.samples()
+        list(join.samples())
     assert str(caught.value) == (
         'drive.bag: "yaw" says nothing for 100 rows of the others, expected tables of one time'
     )

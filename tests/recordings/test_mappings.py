@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from possmap.errors import SettingsError
-from possmap.lab.convert.samples import Mount
 from possmap.lab.recordings.mapping import (
     Beam,
     Invalid,
@@ -16,10 +15,10 @@ from possmap.lab.recordings.mapping import (
     Nothing,
     Scan,
     Table,
-    Ticks,
     Units,
+    find_mapping,
+    read_mapping,
 )
-from possmap.lab.recordings.mapping_file import find_mapping, read_mapping
 from possmap.settings.shipped import shipped_names
 
 CSV = "format: csv\n"
@@ -75,8 +74,7 @@ def test_a_mapping_that_is_nowhere_is_refused(name: str, told: str) -> None:
 
 def test_little_is_enough(tmp_path: Path) -> None:
     mapping = read(tmp_path, PLAIN)
-    assert mapping == Mapping("csv", (Table("", {"t": "t", "x": "x", "y": "y"}),))
-    assert (mapping.delimiter, mapping.header, mapping.comment) == (",", True, "#")
+    assert mapping == Mapping(format="csv", tables=(Table(columns={"t": "t", "x": "x", "y": "y"}),))
     assert (mapping.guard, mapping.gap, mapping.period) == (0.05, 1.0, None)
 
 
@@ -103,8 +101,9 @@ gap: 0.5
     roles = ("x", "y", "qx", "qy", "qz", "qw", "vx", "vy")
     assert table.columns == {role: str(n) for n, role in enumerate(roles, 1)}
     assert table.beams == (
-        Beam("9", Mount(math.pi / 2)), Beam("front", Mount(math.radians(-0.5), 0.1, -0.2)),
-    )  # fmt: skip
+        Beam(column="9", angle_deg=math.pi / 2),
+        Beam(column="front", angle_deg=math.radians(-0.5), x=0.1, y=-0.2),
+    )
     assert mapping.units == Units(
         time="ms", length="cm", range="mm", speed="cm/s", angle="deg", turn_rate="deg/s"
     )
@@ -124,30 +123,34 @@ scan: {column: r, first_deg: -90, step_deg: 0.5, count: 361, x: 0.2, y: -0.1}
 """
     mapping = read(tmp_path, text)
     assert mapping.rows == "log.rows"
-    scan = Scan("r", -math.pi / 2, math.radians(0.5), 361, 0.2, -0.1)
-    assert mapping.tables == (Table("", {"t": "key", "forward": "v", "turn": "w[0]"}, (), scan),)
+    scan = Scan(
+        column="r", first_deg=-math.pi / 2, step_deg=math.radians(0.5), count=361, x=0.2, y=-0.1
+    )
+    columns = {"t": "key", "forward": "v", "turn": "w[0]"}
+    assert mapping.tables == (Table(columns=columns, scan=scan),)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "worth"),
     [
-        ("metres_per_tick: 0.01, track: 0.5", Ticks(0.01, 0.01, 0.5)),
-        ("left: 0.01, right: 0.02, track: 0.5", Ticks(0.01, 0.02, 0.5)),
-        ("metres_per_tick: 0.01, right: 0.02, track: 0.5", Ticks(0.01, 0.02, 0.5)),
-        ("metres_per_tick: 1e-3, track: 1, wrap: 65536", Ticks(0.001, 0.001, 1, 65536)),
-        ("metres_per_tick: 1, track: 1, cumulative: false", Ticks(1, 1, 1, None, False)),
+        ("metres_per_tick: 0.01, track: 0.5", (0.01, 0.01)),
+        ("left: 0.01, right: 0.02, track: 0.5", (0.01, 0.02)),
+        ("metres_per_tick: 0.01, right: 0.02, track: 0.5, wrap: 65536", (0.01, 0.02)),
     ],
 )
-def test_ticks(tmp_path: Path, given: str, told: Ticks) -> None:
+def test_ticks(tmp_path: Path, given: str, worth: tuple[float, float]) -> None:
     text = CSV + f"columns: {{t: t, left: l, right: r}}\nticks: {{{given}}}\n"
-    assert read(tmp_path, text).ticks == told
+    ticks = read(tmp_path, text).ticks
+    assert ticks is not None
+    assert ticks.worth == worth
+    assert (ticks.track, ticks.cumulative) == (0.5, True)
 
 
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        ('","', ","), ('";"', ";"), ("tab", "\t"), ('"\\t"', "\t"), ("whitespace", None),
-        ('" "', None), ("'|'", "|"),
+        ('","', ","), ('";"', ";"), ("tab", "\t"), ('"\\t"', "\t"), ("whitespace", " "),
+        ('" "', " "), ("'|'", "|"),
     ],
 )  # fmt: skip
 def test_delimiters(tmp_path: Path, given: str, told: str | None) -> None:
@@ -156,7 +159,7 @@ def test_delimiters(tmp_path: Path, given: str, told: str | None) -> None:
 
 # --- What is refused ---------------------------------------------------------------------------
 
-NOT_ONE = "expected one with x and y, forward and turn, or left and right"
+NOT_ONE = "expected one with x and y, forward (with a heading), or left and right"
 TICKS = CSV + "columns: {t: t, left: l, right: r}\n"
 REFUSED = [
     ("# nothing\n", "m.yaml: is empty, expected a mapping with format and columns"),
@@ -167,14 +170,15 @@ REFUSED = [
     (CSV + 'columns: {t: t, x: "", y: y}\n', 'columns.x, found "", expected where it stands'),
     (CSV + "columns: {x: x, y: y}\n",
      "m.yaml: no column t, expected one, or the key period in seconds"),
-    (CSV + "columns: {t: t, x: x}\n", f"m.yaml: no table with the robot's place, {NOT_ONE}"),
+    (CSV + "columns: {t: t, yaw: x}\n", f"m.yaml: no table with the robot's place, {NOT_ONE}"),
+    (CSV + "columns: {t: t, x: x}\n", "m.yaml: found x without y, expected them together"),
     (CSV + "columns: {t: t, x: x, y: y, forward: f, turn: u}\n",
-     "m.yaml: the place comes from more than one of x y, forward turn, left right; expected one"),
+     "m.yaml: the place comes from x and y and from forward, expected one of them"),
     (TICKS, "left and right are ticks, expected the key ticks to say what they are worth"),
     (CSV + "columns: {t: t, x: x, y: y, qx: a, qw: b}\n",
-     "found qw, qx, expected qx, qy, qz and qw together"),
+     "found qx without qy and qz, expected them together"),
     (CSV + "columns: {t: t, x: x, y: y, vx: a}\n",
-     "found one of vx and vy, expected both or none"),
+     "found vx without vy, expected them together"),
     (CSV + "columns: {t: t, x: x, y: y, vx: a, vy: b}\nvelocity_in_body: true\n",
      "velocity_in_body needs the body's heading in the table of vx and vy"),
     # Tables
@@ -192,10 +196,10 @@ REFUSED = [
      f"2 tables with the robot's place, {NOT_ONE}"),
     (CSV + "tables:\n  - {file: a, columns: {t: t, x: x, y: y, yaw: w}}\n"
      "  - {file: b, columns: {t: t, yaw: w}}\n",
-     "2 tables with the body's heading, expected one"),
+     "2 tables with the body's heading (yaw, yaw), expected one"),
     (CSV + "tables:\n  - {file: a, columns: {t: t, x: x, y: y}}\n"
      "  - {file: b, columns: {t: t, vx: a, vy: b}}\n",
-     "vx and vy check the place, expected them in the table that gives it"),
+     "vx checks the place, expected it in the table of x and y"),
     # Beams, scans, ticks
     (PLAIN + "beams:\n  - {column: r}\n", "m.yaml:4: beams[0].angle_deg is missing"),
     (PLAIN + "beams: [{column: r, angle_deg: .nan}]\n",
@@ -207,7 +211,7 @@ REFUSED = [
     (PLAIN + "scan: {column: r, first_deg: 0, step_deg: 1, count: 2.5}\n",
      'm.yaml:3: scan.count, found "2.5", expected a whole number >= 1, at most 100000'),
     (TICKS + "ticks: {track: 0.5}\n",
-     "m.yaml:3: ticks, found a mapping, expected metres_per_tick, or left and right"),
+     "m.yaml:3: ticks, expected metres_per_tick, or left and right"),
     (TICKS + "ticks: {metres_per_tick: 0, track: 1}\n",
      'm.yaml:3: ticks.metres_per_tick, found "0", expected a number > 0'),
     # The rest

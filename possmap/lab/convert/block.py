@@ -21,6 +21,11 @@ from possmap.lab.convert.tally import Tally
 REPEATED_M = 0.02
 """A beam whose ends both lie this near to those of the one before says nothing new."""
 
+ENDLESS = (
+    "readings of nothing in sight by sensors of which nothing says how far they see, taken to see "
+    "as far as --reach"
+)
+
 MISS_WAY_M, MISS_TURN = 0.25, math.radians(15)
 """Of beams that saw nothing, one is kept for so much way or turn."""
 
@@ -65,8 +70,14 @@ def converted(
     walls: list[FittedWall] = []
     sightings: list[tuple[int, JsonRecord]] = []
     readings = 0
-    for every in hits(samples, mounts, settings.reach):
+    if settings.misses:
+        endless = int(np.isneginf(samples.ranges[:, : len(mounts)]).sum())
+        tally.add(ENDLESS, count=endless)
+    for mount, every in zip(mounts, hits(samples, mounts, settings.reach), strict=True):
         readings += int(every.seen.sum())
+        if mount.contact is not None:
+            sightings += _bumps(every, samples)
+            continue
         taken = samples.t[every.index]
         seen = without_echoes(every, taken, around, settings.echo, settings.echo_s, tally)
         passed, loose = walls_of(seen, samples, settings)
@@ -113,6 +124,15 @@ def _beams(
         last = ends
         index = int(seen.index[number])
         yield index, _line("beam", samples.t[index], seen.start[number], seen.end[number])
+
+
+def _bumps(seen: Hits, samples: Samples) -> Iterator[tuple[int, JsonRecord]]:
+    """Yield what was touched, each as a wall of no length; once where it goes on."""
+    last: Floats | None = None
+    for index, end in zip(seen.index.tolist(), seen.end, strict=True):
+        if last is None or float(np.abs(end - last).max()) >= REPEATED_M:
+            yield index, {**_line("wall", samples.t[index], end, end), "followed": False}
+        last = end
 
 
 def _misses(seen: Hits, samples: Samples) -> Iterator[tuple[int, JsonRecord]]:

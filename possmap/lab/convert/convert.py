@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from statistics import median
 from typing import Protocol
 
 import numpy as np
@@ -45,6 +46,7 @@ class Outcome:
     turned_deg : how much the headings of the logs turn in all.
     strays : of the samples from the simplified track.
     bearings : fitted walls, for the building's axes.
+    speeds : how fast it went in the middle of each piece, where it moved [m/s].
     """
 
     samples: int = 0
@@ -56,6 +58,19 @@ class Outcome:
     kinds: dict[str, int] = field(default_factory=dict)
     strays: Strays = field(default_factory=Strays)
     bearings: list[Bearing] = field(default_factory=list)
+    speeds: list[float] = field(default_factory=list)
+
+    @property
+    def speed(self) -> float:
+        """How fast it went in the middle, where it moved [m/s]; NaN if the clock stood still."""
+        return median(self.speeds) if self.speeds else math.nan
+
+    def clock(self, samples: Samples) -> None:
+        """Take note of how fast a piece was driven."""
+        seconds, step = np.diff(samples.t), np.hypot(np.diff(samples.x), np.diff(samples.y))
+        moving = (seconds > 0) & (step > 0)
+        if moving.any():
+            self.speeds.append(float(np.median(step[moving] / seconds[moving])))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,9 +104,15 @@ def convert(
     """
     outcome = Outcome()
     laying = Laying(settings.known)
-    track = (laying.lay(samples) for samples in recorded if len(samples))
+
+    def track() -> Iterator[tuple[Samples, Floats]]:
+        for samples in recorded:
+            if len(samples):
+                outcome.clock(samples)
+                yield laying.lay(samples)
+
     now: _Leg | None = None
-    for piece in legs(track, settings.legs, place.start, place.reference, tally):
+    for piece in legs(track(), settings.legs, place.start, place.reference, tally):
         if now is None or now.number != piece.leg:
             if now is not None:
                 now.finish()

@@ -12,6 +12,9 @@ from possmap.lab.convert.tally import Tally
 
 ECHOES = "readings on the robot's own track, dropped as its echo"
 
+FRONT = np.radians(45)
+"""A beam that looks ahead by less sees walls that the robot then drives up to [rad]."""
+
 THIN_M = 0.02
 """Places of the track nearer than this need not all be compared with [m]."""
 
@@ -23,12 +26,20 @@ class Hits:
     index : of each reading's sample, (m,).
     start, end : of the beam, (m, 2) [m].
     seen : whether it ended at something, (m,); otherwise nothing was in sight up to its end.
+    turned : where each looked, against the robot's heading [rad], (m,).
     """
 
     index: Ints
     start: Floats
     end: Floats
     seen: Flags
+    turned: Floats
+
+    def part(self, kept: Flags) -> Hits:
+        """Return some of them, by a flag each."""
+        return Hits(
+            self.index[kept], self.start[kept], self.end[kept], self.seen[kept], self.turned[kept]
+        )
 
 
 def hits(samples: Samples, mounts: Sequence[Mount], reach: float) -> list[Hits]:
@@ -50,11 +61,17 @@ def hits(samples: Samples, mounts: Sequence[Mount], reach: float) -> list[Hits]:
                 samples.y[index] + sin[index] * mount.x + cos[index] * mount.y,
             ]
         )
-        angle = samples.yaw[index] + mount.angle
-        seen = read[index] <= reach
-        length = np.where(seen, read[index], reach)
+        turned = np.full(len(index), mount.angle)
+        if mount.servo is not None:
+            turned += samples.ranges[index, mount.servo]
+        length = read[index]
+        if mount.contact is not None:
+            length = np.full(len(index), mount.contact)
+        seen = (length >= 0) & (length <= reach)
+        length = np.where(seen, length, np.where(length < 0, np.minimum(-length, reach), reach))
+        angle = samples.yaw[index] + turned
         end = start + length[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-        found.append(Hits(index, start, end, seen))
+        found.append(Hits(index, start, end, seen, turned))
     return found
 
 
@@ -62,6 +79,9 @@ def without_echoes(
     given: Hits, t: Floats, track: Samples, near: float, within: float, tally: Tally
 ) -> Hits:
     """Leave out readings that ended where the robot itself was about that time.
+
+    Of what a front sensor saw, only where the robot has passed, or been beyond: it may drive up to
+    a wall as near as it likes.
 
     Parameters
     ----------
@@ -85,14 +105,23 @@ def without_echoes(
     last = np.searchsorted(when, t + within, side="right")
     echo = np.zeros(len(t), dtype=np.bool_)
     open_ones = np.flatnonzero(given.seen)
+    front = np.abs(np.arctan2(np.sin(given.turned), np.cos(given.turned))) < FRONT
+    ray = given.end - given.start
+
+    def beyond(x: Floats, y: Floats) -> Floats:
+        """Return how far beyond the ends places lie, along the beams; of any scale."""
+        (end_x, end_y), (ray_x, ray_y) = given.end[open_ones].T, ray[open_ones].T
+        found: Floats = (x - end_x) * ray_x + (y - end_y) * ray_y
+        return found
+
     for step in range(int((last - first).max())):
         at = first[open_ones] + step
         open_ones, at = open_ones[at < last[open_ones]], at[at < last[open_ones]]
         then = np.minimum(at + 1, len(x) - 1)
         end_x, end_y = given.end[open_ones].T
         found = off_segment(end_x, end_y, x[at], y[at], x[then], y[then]) < near
+        found &= ~front[open_ones] | (beyond(x[then], y[then]) > 0) | (beyond(x[at], y[at]) > 0)
         echo[open_ones[found]] = True
         open_ones = open_ones[~found]
     tally.add(ECHOES, count=int(echo.sum()))
-    keep = ~echo
-    return Hits(given.index[keep], given.start[keep], given.end[keep], given.seen[keep])
+    return given.part(~echo)

@@ -66,7 +66,7 @@ def legs(
     track
         Samples and the way so far [m], piece by piece.
     length
-        Of a leg [m]; None: the whole track is one.
+        Of a leg [m]; None: the whole track is one, but for where samples begin anew.
     start
         Where the first leg begins; None: where the recording has it.
     reference
@@ -76,6 +76,8 @@ def legs(
     laid: _Laid | None = None
     held: tuple[Samples, Floats] | None = None
     for samples, way in track:
+        if samples.begins:
+            held, fresh = None, True
         if held is not None:
             samples, way = joined([held[0], samples]), np.concatenate([held[1], way])
             held = None
@@ -168,8 +170,10 @@ class Laying:
         samples
             The next of the recording, as recorded; the first stay where they are.
         """
-        first = self._before is None
-        last = samples.part(0, 1) if self._before is None else self._before
+        first = self._before is None or samples.begins
+        last = self._before
+        if last is None or first:
+            last, self._correction = samples.part(0, 1), 0.0
         dx, dy = np.diff(samples.x, prepend=last.x), np.diff(samples.y, prepend=last.y)
         yaw = unwrapped(samples.yaw, None if first else float(last.yaw[0]))
         turn = np.diff(yaw, prepend=yaw[0] if first else last.yaw[0])

@@ -192,7 +192,9 @@ def _gaps(seen: Hits, samples: Samples) -> Floats:
         samples.x[seen.index] - samples.x[before], samples.y[seen.index] - samples.y[before]
     )
     ranges = np.hypot(*(seen.end - seen.start).T)
-    turned = np.abs(samples.yaw[seen.index] - samples.yaw[before]) * ranges
+    turned = np.abs(samples.yaw[seen.index] - samples.yaw[before])
+    turned[1:] += np.abs(np.diff(seen.turned))  # a servo's, from one reading to the next
+    turned *= ranges
     found: Floats = GAP_M + 2 * (moved + np.minimum(turned, MOST_TURNED_M))
     return found
 

@@ -104,6 +104,11 @@ class Request:
     reference: Path | None = None
     reference_source: Source = field(default_factory=Source)
 
+    @property
+    def is_cut(self) -> bool:
+        """Whether a recording may become several excursions."""
+        return self.settings.legs is not None or self.source.jump == "split"
+
 
 def names_of(recordings: Sequence[Recording], request: Request) -> list[tuple[str, str]]:
     """Return a robot and an excursion for each recording, no pair twice.
@@ -113,7 +118,7 @@ def names_of(recordings: Sequence[Recording], request: Request) -> list[tuple[st
     SettingsError
         If the excursion's name becomes too long with what is put behind it.
     """
-    numbered = len(recordings) > 1 or request.settings.legs is not None
+    numbered = len(recordings) > 1 or request.is_cut
     longest = LONGEST_NAME - len("-123-leg-12345")
     if request.excursion is not None and numbered and len(request.excursion) > longest:
         raise SettingsError(

@@ -13,6 +13,7 @@ import numpy as np
 
 from possmap.atomic import check_output
 from possmap.core.model import ErrorModel
+from possmap.core.ranges import LARGEST
 from possmap.errors import OutputError, RecordingError, SettingsError, plural, printable
 from possmap.lab.convert.convert import Outcome, Place, convert
 from possmap.lab.convert.legs import Reference, Start
@@ -20,10 +21,8 @@ from possmap.lab.convert.log import JsonRecord
 from possmap.lab.convert.orthogonal import Alignment, align
 from possmap.lab.convert.request import Request, names_of
 from possmap.lab.convert.samples import unwrapped
-from possmap.lab.convert.settings import ConvertSettings
 from possmap.lab.convert.tally import Tally
 from possmap.lab.recordings import Recording, open_recordings
-from possmap.lab.recordings.recording import left_out
 from possmap.logs.excursion import Excursion
 from possmap.logs.fields import Fault, record_of
 from possmap.logs.writing import LEG, LogWriter, check_name, is_folder, writing
@@ -37,13 +36,13 @@ APPLIED = ("drift", "turn_gain", "scale")
 class Converted:
     """One recording, converted.
 
-    robot : its name in the logs. beams : how many were used. outcome : what came of it.
-    tally : what was left out on the way. alignment : with ``--orthogonal``.
+    robot : its name in the logs. outcome : what came of it. has_model : whether somebody said how
+    wrong its odometry is. tally : what was left out on the way. alignment : with ``--orthogonal``.
     """
 
-    recording: str
+    recording: Recording
     robot: str
-    beams: int
+    has_model: bool
     outcome: Outcome
     tally: Tally
     alignment: Alignment | None
@@ -72,7 +71,7 @@ def convert_recordings(
         If the output exists, or cannot be written.
     """
     recordings = open_recordings(paths, request.source)
-    check_name(output, several=len(recordings) > 1 or request.settings.legs is not None)
+    check_name(output, several=len(recordings) > 1 or request.is_cut)
     if not is_folder(output):
         check_output(output, overwrite)
         _check_is_no_source(output, paths)
@@ -135,21 +134,22 @@ def _convert_one(
     if told is not None and "alignment_spread" not in model and math.isfinite(told.spread):
         spread = math.degrees(told.spread) * settings.known.factor
         model["alignment_spread"] = round(spread, 3)
-    sink = _Written(writer, recording, name, model, settings)
+    sink = _Written(writer, recording, name, model, request.is_cut)
     with _told(progress, recording, "convert") as tell:
         outcome = convert(
             recording.samples(tally, tell), recording.mounts, place, settings, sink, tally
         )
     if not outcome.legs:
         raise RecordingError(
-            str(recording.name), left_out("gave fewer than two poses, expected a track", tally)
+            recording.name,
+            f"gave fewer than two poses, expected a track{tally.explanation()}",
         )
     if request.models.is_silent_on(name[0]):
         tally.add(
             f"models that do not name the robot {name[0]}, so that the log has none "
             f"(--robot {next(iter(request.models.robots))}?)",
         )
-    return Converted(recording.name, name[0], len(recording.mounts), outcome, tally, alignment)
+    return Converted(recording, name[0], bool(given), outcome, tally, alignment)
 
 
 class _Written:
@@ -161,13 +161,13 @@ class _Written:
         recording: Recording,
         name: tuple[str, str],
         model: Mapping[str, float],
-        settings: ConvertSettings,
+        is_cut: bool,
     ) -> None:
         self._writer = writer
         self._recording = recording
         self._name = name
         self._model = dict(model)
-        self._legs = settings.legs is not None
+        self._legs = is_cut
         self._nesting = Limits().limit_nesting
         self._checked = Excursion()
         self.end = writer.end
@@ -199,6 +199,8 @@ class _Written:
             problem = (
                 f"would give a log that is refused: {record['kind']}, {steps}, {fault.problem}"
             )
+            if abs(record.get("x", 0.0)) > LARGEST or abs(record.get("y", 0.0)) > LARGEST:
+                problem += "; of coordinates of a country, --start 0,0,0 lays the begin at (0, 0)"
             raise RecordingError(self._recording.name, problem) from None
         del self._checked.records[:-1]  # the order of two is all that it looks at
         self._writer.record(record)

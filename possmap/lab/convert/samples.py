@@ -21,11 +21,16 @@ class Mount:
 
     angle : of its beam against the robot's heading [rad], left positive.
     x, y : of the sensor in the robot's frame, x ahead [m].
+    servo : in which column of the samples' ranges stands by how much a servo turns it [rad].
+    contact : of a switch, how far off it touches [m]: a reading means that it does; None: it
+    measures ranges.
     """
 
     angle: float
     x: float = 0.0
     y: float = 0.0
+    servo: int | None = None
+    contact: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +46,10 @@ class Samples:
     yaw
         Where its body looked [rad], shape (n,), without jumps of a full turn.
     ranges
-        What the beams read [m], shape (n, b); NaN: no reading, infinity: nothing in sight.
+        What the beams read [m], shape (n, b + s); NaN: no reading; below 0: nothing in sight up to
+        there, minus infinity: as far as one looks. Behind the beams the angles of their s servos.
+    begins
+        Whether what comes before is no part of the same way.
     """
 
     t: Floats
@@ -49,6 +57,7 @@ class Samples:
     y: Floats
     yaw: Floats
     ranges: Floats
+    begins: bool = False
 
     def __len__(self) -> int:
         return len(self.t)
@@ -56,7 +65,10 @@ class Samples:
     def part(self, start: int | None, stop: int | None = None) -> Samples:
         """Return the samples from ``start`` up to ``stop``."""
         cut = slice(start, stop)
-        return Samples(self.t[cut], self.x[cut], self.y[cut], self.yaw[cut], self.ranges[cut])
+        begins = self.begins and not start
+        return Samples(
+            self.t[cut], self.x[cut], self.y[cut], self.yaw[cut], self.ranges[cut], begins
+        )
 
     def moved(self, x: Floats, y: Floats, yaw: Floats | None = None) -> Samples:
         """Return the same samples at other places."""
@@ -68,12 +80,11 @@ def joined(parts: Iterable[Samples]) -> Samples:
     given = list(parts)
     if len(given) == 1:
         return given[0]
-    return Samples(
-        *(
-            np.concatenate([getattr(part, name) for part in given])
-            for name in ("t", "x", "y", "yaw", "ranges")
-        )
+    t, x, y, yaw, ranges = (
+        np.concatenate([getattr(part, name) for part in given])
+        for name in ("t", "x", "y", "yaw", "ranges")
     )
+    return Samples(t, x, y, yaw, ranges, given[0].begins)
 
 
 def blinded(samples: Samples) -> Samples:

@@ -14,10 +14,14 @@ class Count:
 
 
 class Tally:
-    """Counts what a conversion skipped, replaced or dropped; silence would be repair."""
+    """Counts what a conversion skipped, replaced or dropped; silence would be repair.
+
+    counts : by what it was. notes : what is no count.
+    """
 
     def __init__(self) -> None:
         self.counts: dict[str, Count] = {}
+        self.notes: list[str] = []
 
     def add(self, what: str, place: str = "", count: int = 1) -> None:
         """Count ``what``, a phrase that goes behind a number: ``lines cut short, skipped``."""
@@ -28,6 +32,19 @@ class Tally:
             self.counts[what] = Count(count, place)
         else:
             held.count += count
+
+    def note(self, what: str) -> None:
+        """Keep what a user should know of how a recording was read: what was guessed or found."""
+        if what not in self.notes:
+            self.notes.append(what)
+
+    def explanation(self) -> str:
+        """Return what was left out on the way, which may explain a problem said before it."""
+        counts = (
+            f"; {one.count} {what}" + f" ({one.first})" * bool(one.first)
+            for what, one in self.counts.items()
+        )
+        return "".join(counts)
 
     def of(self, what: str) -> int:
         """Return how often something happened."""

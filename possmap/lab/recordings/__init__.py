@@ -10,15 +10,23 @@ from typing import Literal, TypeAlias
 
 from possmap.errors import RecordingError, printable
 from possmap.lab.recordings.carmen import PoseOf, looks_like, open_carmen
-from possmap.lab.recordings.mapping import Mapping, Table
-from possmap.lab.recordings.mapping_file import FOLDER, find_mapping, read_mapping
-from possmap.lab.recordings.recording import Recording
+from possmap.lab.recordings.leaps import Jump
+from possmap.lab.recordings.mapping import FOLDER, Mapping, Table, find_mapping, read_mapping
+from possmap.lab.recordings.recording import Handling, Recording
 from possmap.lab.recordings.stream import head_of
 from possmap.lab.recordings.tables import open_tables
 from possmap.lab.recordings.tick_geometry import geometry_beside
 from possmap.settings.shipped import shipped_names
 
-__all__ = ["FORMATS", "Recording", "Source", "find_mapping", "open_recordings", "read_mapping"]
+__all__ = [
+    "FORMATS",
+    "Mapping",
+    "Recording",
+    "Source",
+    "find_mapping",
+    "open_recordings",
+    "read_mapping",
+]
 
 Format: TypeAlias = Literal["carmen", "ros", "csv", "json"]
 FORMATS: tuple[Format, ...] = ("carmen", "ros", "csv", "json")
@@ -34,6 +42,7 @@ class Source:
     beams : angles of the beams used [rad].
     pose_of : CARMEN: whose pose to believe. clock : bags: the messages' own, or the recorder's.
     guard : a step that differs more from the velocity is replaced [m]; None: the mapping's.
+    jump, max_speed : what becomes of steps that no robot can make, such as faster ones [m/s].
     """
 
     format: Format | None = None
@@ -42,13 +51,19 @@ class Source:
     pose_of: PoseOf = "odometry"
     clock: Literal["header", "bag"] = "header"
     guard: float | None = None
+    jump: Jump = "bridge"
+    max_speed: float | None = None
+
+    @property
+    def handling(self) -> Handling:
+        """What becomes of steps that no robot can make."""
+        return Handling(self.jump, self.max_speed)
 
 
 def open_recordings(paths: Sequence[Path], source: Source) -> list[Recording]:
     """Open recordings, in the order given.
 
-    Of a recording of several files any may be named: the mapping knows the others. Metadata of
-    OptiOdom beside a table of ticks say how its robot is built, and beat the mapping.
+    Of a recording of several files any may be named: the mapping knows the others.
 
     Raises
     ------
@@ -64,7 +79,10 @@ def open_recordings(paths: Sequence[Path], source: Source) -> list[Recording]:
         for _, group in groups:
             for path in group:
                 _format_of(path, source)
-        return [open_tables(group, mapping, source.beams, star) for star, group in groups]
+        return [
+            open_tables(group, mapping, source.beams, source.handling, star)
+            for star, group in groups
+        ]
     return [_open(path, source) for path in paths]
 
 
@@ -74,19 +92,22 @@ def _open(path: Path, source: Source) -> Recording:
     if found == "ros":
         from possmap.lab.recordings.rosbag.recording import open_bag
 
-        return open_bag(path, source.beams, mapping, source.clock)
+        return open_bag(path, source.beams, mapping, source.clock, source.handling)
     if found == "carmen":
-        return open_carmen(path, source.beams, source.pose_of)
+        return open_carmen(path, source.beams, source.pose_of, source.handling)
     if mapping is None:
         raise RecordingError(
             str(path),
             "its columns are not mapped, expected --mapping FILE or one of those that possmap "
             f"ships: {', '.join(shipped_names(FOLDER))}",
         )
-    geometry = geometry_beside(path) if mapping.ticks else None
-    if geometry is not None:  # the robot's own build is nearer to the truth than a mapping for all
-        mapping = replace(mapping, ticks=geometry.ticks)
-    return open_tables([path], mapping, source.beams)
+    ticks = mapping.ticks
+    geometry = geometry_beside(path) if ticks is not None else None
+    if ticks is None or geometry is None:
+        return open_tables([path], mapping, source.beams, source.handling)
+    ticks = replace(geometry.ticks, wrap=ticks.wrap, cumulative=ticks.cumulative)
+    mapping = replace(mapping, ticks=ticks)
+    return open_tables([path], mapping, source.beams, source.handling, note=geometry.said)
 
 
 def _format_of(path: Path, source: Source) -> str:

@@ -6,8 +6,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+ODOMETRY = b"ODOM"
+LASERS = (b"FLASER", b"RLASER", b"ROBOTLASER1")
+"""Kinds of lines with ranges and poses."""
+RAW = tuple(f"RAWLASER{number}".encode() for number in range(1, 6))
+"""Kinds of lines with ranges alone."""
+
 LONGEST_RANGE = 80.0
 """A SICK laser that says more saw nothing [m]."""
+
+_OFFSETS = {b"robot_frontlaser_offset": RAW[0], b"robot_rearlaser_offset": RAW[1]}
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +37,11 @@ class Layout:
     behind: bool = False
     picked: tuple[int, ...] = ()
 
+    @property
+    def has_remissions(self) -> bool:
+        """Whether remissions stand behind the readings, their count before them."""
+        return self.kind == b"ROBOTLASER1" or self.kind in RAW
+
 
 def laid_out(kind: bytes, words: Sequence[bytes]) -> Layout:
     """Return how the lines of a laser are laid out, by one of them.
@@ -39,7 +52,7 @@ def laid_out(kind: bytes, words: Sequence[bytes]) -> Layout:
         If the line is cut short, or something is no number that is needed.
     """
     longest = LONGEST_RANGE
-    if kind == b"ROBOTLASER1":
+    if kind == b"ROBOTLASER1" or kind in RAW:
         start, field, step, farthest = _finite(words[2:6])
         first, count = 9, _count(words, 8)
         step = step or field / max(1, count - 1)
@@ -52,11 +65,24 @@ def laid_out(kind: bytes, words: Sequence[bytes]) -> Layout:
     if not all(map(math.isfinite, angles)):  # of finite numbers, but huge ones
         raise ValueError
     layout = Layout(kind, count, first, angles, longest)
-    laser, robot = poses(words, layout)
     _ = words[time_word(words, layout)]
+    if kind in RAW:
+        return layout
+    laser, robot = _poses(words, layout)
     if not all(map(math.isfinite, (*laser, *robot))):
         raise ValueError
     return _mounted(layout, laser, robot)
+
+
+def mounted_by(words: Sequence[bytes]) -> dict[bytes, float]:
+    """Return how far ahead of the robot's middle a raw laser sits, by a PARAM line [m]."""
+    if len(words) < 3 or words[1] not in _OFFSETS:
+        return {}
+    try:
+        offset = float(words[2])
+    except ValueError:
+        return {}
+    return {_OFFSETS[words[1]]: offset} if abs(offset) <= 10 else {}
 
 
 def _count(words: Sequence[bytes], at: int) -> int:
@@ -92,23 +118,42 @@ def _mounted(layout: Layout, laser: Sequence[float], robot: Sequence[float]) -> 
     )
 
 
-def poses(
-    words: Sequence[bytes], layout: Layout
-) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    """Return the laser's and the robot's pose on a laser line.
+def pose_and_time(
+    words: Sequence[bytes], layout: Layout, of_laser: bool
+) -> tuple[float, tuple[float, float, float]]:
+    """Return a laser line's time and the robot's pose, as its own or as the laser's says it.
 
     Raises
     ------
     IndexError, ValueError
         If the line is cut short, or something is no number.
     """
-    at = _pose_word(words, layout)
+    laser, robot = _poses(words, layout)
+    t = float(words[time_word(words, layout)])
+    x, y, yaw = laser
+    if not of_laser:
+        return t, robot
+    if not math.isfinite(yaw):
+        return t, laser
+    yaw -= math.pi * layout.behind
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    return t, (
+        x - cos * layout.x + sin * layout.y,
+        y - sin * layout.x - cos * layout.y,
+        yaw,
+    )
+
+
+def _poses(
+    words: Sequence[bytes], layout: Layout
+) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    at = _behind_readings(words, layout)
     lx, ly, lyaw, x, y, yaw = (float(word) for word in words[at : at + 6])
     return (lx, ly, lyaw), (x, y, yaw)
 
 
-def _pose_word(words: Sequence[bytes], layout: Layout) -> int:
-    """Return which word holds the first number of the poses, behind readings and remissions.
+def _behind_readings(words: Sequence[bytes], layout: Layout) -> int:
+    """Return which word stands behind readings and remissions.
 
     Raises
     ------
@@ -116,26 +161,12 @@ def _pose_word(words: Sequence[bytes], layout: Layout) -> int:
         If the line ends before it, or the count of remissions is none.
     """
     at = layout.first + layout.count
-    if layout.kind != b"ROBOTLASER1":
+    if not layout.has_remissions:
         return at
     remissions = int(words[at])
     if remissions < 0:
         raise ValueError
     return at + 1 + remissions
-
-
-def robot_at(laser: Sequence[float], layout: Layout) -> tuple[float, float, float]:
-    """Return the pose of the robot that carries a laser."""
-    x, y, yaw = laser
-    if not math.isfinite(yaw):
-        return x, y, yaw
-    yaw -= math.pi * layout.behind
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    return (
-        x - cos * layout.x + sin * layout.y,
-        y - sin * layout.x - cos * layout.y,
-        yaw,
-    )
 
 
 def time_word(words: Sequence[bytes], layout: Layout) -> int:
@@ -146,9 +177,9 @@ def time_word(words: Sequence[bytes], layout: Layout) -> int:
     IndexError, ValueError
         If the line ends before it.
     """
-    after = _pose_word(words, layout) + 6
-    if layout.kind == b"ROBOTLASER1":
-        after += 5
+    after = _behind_readings(words, layout)
+    if layout.kind not in RAW:
+        after += 11 if layout.kind == b"ROBOTLASER1" else 6
     if len(words) < after + 3:
         raise IndexError
     return after

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from collections.abc import Mapping as MappingABC
+from itertools import pairwise
 
 import numpy as np
 
@@ -12,6 +14,7 @@ from possmap.lab.convert.samples import Flags, Floats, Ints, Samples
 from possmap.lab.convert.tally import Tally
 from possmap.lab.recordings.mapping import Mapping
 from possmap.lab.recordings.readings import Readings
+from possmap.lab.recordings.roles import HEADINGS, PLACES, said
 
 WITHOUT_POSE = "rows of ranges too far in time from a pose, dropped"
 WITHOUT_HEADING = "rows of the place behind the last heading, dropped"
@@ -37,7 +40,8 @@ class Join:
     mapping
         Its tables are numbered in their order.
     widths
-        How many ranges each table has; samples have them side by side.
+        How many beams, and how many of them on servos, each table has; samples have all beams side
+        by side, then the angles of the servos.
     patience
         How long ranges are waited for when the places go on [s].
     """
@@ -46,7 +50,7 @@ class Join:
         self,
         name: str,
         mapping: Mapping,
-        widths: Sequence[int],
+        widths: Sequence[tuple[int, int]],
         tally: Tally,
         patience: float = PATIENCE_S,
     ) -> None:
@@ -56,20 +60,18 @@ class Join:
         self._gap = mapping.gap
         self._patience = patience
         self._tally = tally
-        self._place = next(i for i, table in enumerate(tables) if table.gives_place)
-        self._yaw = next((i for i, table in enumerate(tables) if table.gives_yaw), self._place)
-        self._columns: dict[int, slice] = {}
-        start = 0
-        for number, width in enumerate(widths):
-            if width:
-                self._columns[number] = slice(start, start + width)
-            start += width
-        self._beams = start
+        said_by = [table.columns for table in tables]
+        self._place = next(i for i, columns in enumerate(said_by) if said(PLACES, columns))
+        self._yaw = next((i for i, one in enumerate(said_by) if said(HEADINGS, one)), self._place)
+        self._columns = columns_of(widths)
+        self._width = sum(map(len, self._columns.values()))
         self._held: dict[int, Readings] = {}
         self._reached = [-math.inf] * len(tables)
         self._end = math.inf
         self._beyond: set[int] = set()
         self._last_place: tuple[float, float] | None = None
+        self._reckoned: tuple[float, float, float, float] | None = None
+        self._piece = 0.0
         self._direction = 0.0
 
     def feed(self, table: int, readings: Readings) -> None:
@@ -99,8 +101,8 @@ class Join:
         """Return up to when a table was fed [s]; infinity where it has ended."""
         return self._reached[table]
 
-    def samples(self, last: bool = False) -> Samples | None:
-        """Return the samples up to where all tables reach; None if there is none yet.
+    def samples(self, last: bool = False) -> Iterator[Samples]:
+        """Yield the samples up to where all tables reach, of each excursion apart.
 
         Parameters
         ----------
@@ -118,7 +120,7 @@ class Join:
         place, turning = self._held.get(self._place), self._held.get(self._yaw)
         if place is None or turning is None or not len(place) or not len(turning):
             self._check_waiting()
-            return None
+            return
         end = min(self._reached[self._place], self._reached[self._yaw])
         # Ranges that have stopped are not waited for.
         ranged = min((self._reached[number] for number in self._columns), default=math.inf)
@@ -126,10 +128,10 @@ class Join:
             end = max(ranged, end - self._patience)  # infinity less infinity is no maximum
         rows = self._moments(place, turning, end)
         times = np.unique(np.concatenate([t[np.isfinite(t)] for t in rows.values()]))
-        found = self._at(times, rows, place, turning) if len(times) else None
+        if len(times):
+            yield from self._at(times, rows, place, turning)
         self._forget(end)
         self._check_waiting()
-        return found
 
     def _moments(self, place: Readings, turning: Readings, end: float) -> dict[int, Floats]:
         """Return the times of each table's rows that become samples, NaN for the others.
@@ -157,21 +159,29 @@ class Join:
         inside = (after < len(known.t)) & (t >= known.t[0])
         after = np.clip(after, 0, len(known.t) - 1)
         exact = known.t[after] == t
-        apart = np.minimum(known.t[after] - t, t - known.t[np.maximum(after - 1, 0)])
-        near: Flags = inside & (exact | (apart <= self._gap))
-        return near
+        before = np.maximum(after - 1, 0)
+        near = np.minimum(known.t[after] - t, t - known.t[before]) <= self._gap
+        if known.piece is not None:
+            near &= known.piece[after] == known.piece[before]
+        found: Flags = inside & (exact | near)
+        return found
 
     def _at(
         self, times: Floats, rows: dict[int, Floats], place: Readings, turning: Readings
-    ) -> Samples:
+    ) -> Iterator[Samples]:
         assert place.place is not None
-        x = np.interp(times, place.t, place.place[:, 0])
-        y = np.interp(times, place.t, place.place[:, 1])
-        if turning.yaw is not None:
-            yaw = np.interp(times, turning.t, turning.yaw)
+        assert place.piece is not None
+        yaw = None if turning.yaw is None else np.interp(times, turning.t, turning.yaw)
+        parts = [np.interp(times, place.t, column) for column in place.place.T]
+        if len(parts) == 1:
+            assert yaw is not None
+            measured = bool(said(HEADINGS, self._tables[self._yaw].columns))
+            x, y = self._laid(parts[0], yaw, float(yaw[0]) if measured else 0.0)
         else:
+            x, y = parts
+        if yaw is None:
             yaw = self._travelled(x, y)
-        ranges = np.full((len(times), self._beams), np.nan)
+        ranges = np.full((len(times), self._width), np.nan)
         for number, moments in rows.items():
             taken = np.flatnonzero(np.isfinite(moments))
             where = np.searchsorted(times, moments[taken])
@@ -181,10 +191,33 @@ class Join:
                 read = held[taken]
                 # Of several rows of one time each may have other beams.
                 row, beam = np.nonzero(~np.isnan(read))
-                ranges[where[row], self._columns[number].start + beam] = read[row, beam]
+                ranges[where[row], self._columns[number][beam]] = read[row, beam]
             told = place.place[taken] if number == self._place else None
             self._count_same_time(where, read, told)
-        return Samples(times, x, y, yaw, ranges)
+        piece = place.piece[np.searchsorted(place.t, times, side="right") - 1]
+        starts = np.flatnonzero(np.diff(piece, prepend=self._piece)).tolist()
+        self._piece = float(piece[-1])
+        for start, stop in pairwise(sorted({0, *starts, len(times)})):
+            cut = slice(start, stop)
+            yield Samples(times[cut], x[cut], y[cut], yaw[cut], ranges[cut], begins=start in starts)
+
+    def _laid(self, way: Floats, yaw: Floats, first_yaw: float) -> tuple[Floats, Floats]:
+        """Return x and y of a way of arcs, laid one behind the other from (0, 0) [m].
+
+        Parameters
+        ----------
+        way, yaw
+            How far the robot has come [m], and where it looks [rad], (n,).
+        first_yaw
+            Where it looked before the first of them [rad].
+        """
+        x, y, way_before, yaw_before = self._reckoned or (0.0, 0.0, 0.0, first_yaw)
+        turn = np.diff(yaw, prepend=yaw_before)
+        chord = np.diff(way, prepend=way_before) * np.sinc(turn / (2 * math.pi))
+        middle = yaw - turn / 2
+        xs, ys = x + np.cumsum(chord * np.cos(middle)), y + np.cumsum(chord * np.sin(middle))
+        self._reckoned = float(xs[-1]), float(ys[-1]), float(way[-1]), float(yaw[-1])
+        return xs, ys
 
     def _count_same_time(self, where: Ints, read: Floats, place: Floats | None) -> None:
         """Count the rows of a time that the next row has as well, and says something else of."""
@@ -244,3 +277,19 @@ class Join:
                 f"{shown(self._tables[behind].source)} says nothing for {MOST_WAITING} rows of "
                 "the others, expected tables of one time",
             )
+
+
+def columns_of(widths: Sequence[tuple[int, int]]) -> MappingABC[int, Ints]:
+    """Return by table where its beams, and behind them its servos, stand among all ranges.
+
+    widths : how many of each a table has; those without any are left out.
+    """
+    beam, servo = 0, sum(beams for beams, _ in widths)
+    found: dict[int, Ints] = {}
+    for number, (beams, servos) in enumerate(widths):
+        if beams:
+            found[number] = np.array(
+                [*range(beam, beam + beams), *range(servo, servo + servos)], dtype=np.int64
+            )
+        beam, servo = beam + beams, servo + servos
+    return found

@@ -1,28 +1,33 @@
-"""Which column of a recording means what: a mapping, as YAML or on the command line.
-
-docs/convert.md describes it for users; the roles are the words for what possmap needs.
-"""
+"""A mapping: which column of a recording means what, as YAML (docs/convert.md, "Mappings")."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping as MappingABC
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from types import MappingProxyType
-from typing import Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
-from possmap.core.ranges import Number
+from possmap.core.ranges import LARGEST, NotNegative, Number, Positive, between, whole
+from possmap.errors import SettingsError, printable
 from possmap.lab.convert.samples import Mount
+from possmap.lab.recordings.roles import ROLES, Role, fault_of
+from possmap.settings.binder import bind_file
+from possmap.settings.shipped import find_shipped
 
-Role: TypeAlias = Literal[
-    "t", "x", "y", "yaw", "qx", "qy", "qz", "qw", "vx", "vy", "forward", "turn", "left", "right"
-]
-ROLES: tuple[str, ...] = get_args(Role)
+FOLDER = "recordings"
+"""Where in configs/ the shipped mappings lie."""
+
+APART = math.radians(5)
+"""A reading stands for a beam if it is no further off than this, or than half a scan's step."""
+
+_MOST_TABLES = 100
 
 Length: TypeAlias = Literal["m", "cm", "mm", "in", "ft"]
 
-_WORTH = MappingProxyType(
+WORTH = MappingProxyType(
     {
         "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9,
         "m": 1.0, "cm": 0.01, "mm": 1e-3, "in": 0.0254, "ft": 0.3048,
@@ -32,55 +37,188 @@ _WORTH = MappingProxyType(
 )  # fmt: skip
 """What a unit is worth in metres, radians and seconds."""
 
-_PAIRS = ("x", "y"), ("left", "right"), ("vx", "vy")
-_QUATERNION = frozenset({"qx", "qy", "qz", "qw"})
+
+def _column(text: str) -> str:
+    if not text.strip():
+        raise ValueError("expected where it stands")
+    return text
 
 
-@dataclass(frozen=True, slots=True)
+def _delimiter(text: str) -> str:
+    named = {"whitespace": " ", "tab": "\t"}.get(text, text)
+    if len(named) != 1 or named in '"\r\n\0':
+        raise ValueError("expected one character, tab, or whitespace")
+    return named
+
+
+def _one_star(text: str) -> str:
+    if text.count("*") > 1:
+        raise ValueError("expected at most one *")
+    return text
+
+
+def _number(text: str) -> float | None:
+    """Return a number of YAML; None for a word, which may name a column."""
+    try:
+        value = float(text.replace(".nan", "nan").replace(".inf", "inf"))  # as YAML has them
+    except ValueError:
+        return None
+    if not abs(value) <= LARGEST:
+        raise ValueError("expected a number within ±1e6, or a column")
+    return value
+
+
+def _direction(text: str) -> float | str:
+    value = _number(_column(text))
+    return text if value is None else math.radians(value)
+
+
+def _contact(text: str) -> float:
+    value = {"true": 0.0}.get(text, _number(text))
+    if value is None or not 0 <= value <= 10:
+        raise ValueError("expected true, or how far ahead it touches in metres, 0 to 10")
+    return value
+
+
+if TYPE_CHECKING:
+    Direction: TypeAlias = float | str
+    Contact: TypeAlias = float | None
+else:  # what YAML has is text, until a function has read it
+    Direction = Annotated[str, _direction]
+    Contact = Annotated[str, _contact]
+Column: TypeAlias = Annotated[str, _column]
+Degrees: TypeAlias = Annotated[Number, math.radians]
+Seat: TypeAlias = Annotated[float, between(-10, 10)]
+"""Of a sensor, from the robot's middle [m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Beam:
     """One range reading of a row.
 
-    column : where it stands.
-    mount : how its sensor sits on the robot.
+    column : where it stands. unit : its own, if not that of the others.
+    angle_deg : of the beam [rad], left positive; or the column of a servo that turns it.
+    ahead_deg, clockwise : where a servo stands when it looks ahead [rad], which way it counts.
+    x, y : of the sensor in the robot's frame [m].
+    max : how far it sees at most [m].
+    contact : of a switch, how far off the sensor it touches [m]; None: it measures ranges.
     """
 
-    column: str
-    mount: Mount
+    column: Column
+    angle_deg: Direction
+    ahead_deg: Degrees = 0.0
+    clockwise: bool = False
+    x: Seat = 0.0
+    y: Seat = 0.0
+    max: Positive = math.inf
+    contact: Contact = None
+    unit: Length | None = None
+
+    def __post_init__(self) -> None:
+        if self.contact == 0 and not (self.x or self.y):
+            raise ValueError(
+                "contact, found true, expected how far from the robot's middle it touches, such as "
+                "contact: 0.15, or x and y"
+            )
+        if not self.servo and (self.ahead_deg or self.clockwise):
+            raise ValueError("ahead_deg and clockwise are for a servo whose angle is a column")
+
+    @property
+    def servo(self) -> str | None:
+        """The column with the angle of its servo."""
+        return self.angle_deg if isinstance(self.angle_deg, str) else None
+
+    @property
+    def angle(self) -> float:
+        """Where it looks [rad], a servo apart."""
+        return 0.0 if isinstance(self.angle_deg, str) else self.angle_deg
+
+    def mount(self, servo: int | None = None) -> Mount:
+        """Return how it sits on the robot, with the column of samples that has its servo."""
+        return Mount(self.angle, self.x, self.y, servo, self.contact)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, kw_only=True)
 class Scan:
     """A list of range readings of a row, evenly spread.
 
     column : where the list stands; in a table without lists, its first column.
-    first, step : angle of the first reading, and from one to the next [rad].
-    count : how many; None where the row says so itself.
-    x, y : of the sensor in the robot's frame [m].
+    first_deg, step_deg, last_deg : angle of the first reading, from one to the next, or of the last
+    [rad]. count : how many; None where the row says so itself.
+    x, y : of the sensor in the robot's frame [m]. max : how far it sees at most [m].
     """
 
-    column: str
-    first: float
-    step: float
-    count: int | None = None
-    x: float = 0.0
-    y: float = 0.0
+    column: Column
+    first_deg: Degrees
+    step_deg: Degrees | None = None
+    last_deg: Degrees | None = None
+    count: Annotated[int, whole(1, 100_000)] | None = None
+    x: Seat = 0.0
+    y: Seat = 0.0
+    max: Positive = math.inf
+
+    def __post_init__(self) -> None:
+        if (self.step_deg is None) == (self.last_deg is None):
+            raise ValueError("step_deg, expected it or last_deg, the angle of the last reading")
+
+    def beams(self, count: int, wanted: Sequence[float]) -> tuple[list[int], list[Beam]]:
+        """Return which of so many readings are used, and as which beams.
+
+        Raises
+        ------
+        ValueError
+            ``what was found, what was expected``, if they are of another scan.
+        """
+        step = self.step_deg
+        if step is None:
+            step = ((self.last_deg or 0.0) - self.first_deg) / max(1, count - 1)
+        if self.count is not None and count != self.count:
+            raise ValueError(f"found {count} readings, expected {self.count} (count)")
+        if (count - 1) * abs(step) >= math.tau - 1e-9:
+            raise ValueError(
+                f"found {count} readings {math.degrees(step):g} degrees apart, expected the "
+                "step_deg of this scan"
+            )
+        angles = [self.first_deg + index * step for index in range(count)]
+        used = chosen(angles, wanted, step)
+        at = {"column": self.column, "x": self.x, "y": self.y, "max": self.max}
+        return used, [Beam(angle_deg=angles[index], **at) for index in used]  # type: ignore[arg-type]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, kw_only=True)
+class SeatedAt:
+    """How the sensor of a bag's standard topic sits. angle_deg : [rad]. x, y : [m]."""
+
+    angle_deg: Degrees = 0.0
+    x: Seat = 0.0
+    y: Seat = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
 class Ticks:
     """How wheel ticks become metres.
 
-    left, right : of one tick [m].
-    track : from wheel to wheel [m].
-    wrap : how many ticks until a counter begins anew; None where it never does.
-    cumulative : whether the columns hold a counter, not what was added since the last row.
+    metres_per_tick, left, right : of one tick [m], of both wheels or of each.
+    track : from wheel to wheel [m]. wrap : at how many ticks a counter begins anew; None: never.
+    cumulative : whether the columns hold a counter, not what was added since the row before.
     """
 
-    left: float
-    right: float
-    track: float
-    wrap: float | None = None
+    track: Positive
+    metres_per_tick: Positive | None = None
+    left: Positive | None = None
+    right: Positive | None = None
+    wrap: Positive | None = None
     cumulative: bool = True
+
+    def __post_init__(self) -> None:
+        if not (self.metres_per_tick or (self.left and self.right)):
+            raise ValueError("expected metres_per_tick, or left and right")
+
+    @property
+    def worth(self) -> tuple[float, float]:
+        """Of one tick, left and right [m]."""
+        both = self.metres_per_tick or 0.0
+        return self.left or both, self.right or both
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,35 +235,27 @@ class Units:
 
 @dataclass(frozen=True, kw_only=True)
 class Nothing:
-    """Which readings mean that nothing was in sight.
-
-    values : as the file has them. above : every longer one [m].
-    """
+    """Which readings mean that nothing was in sight. values : as in the file. above : [m]."""
 
     values: tuple[Number, ...] = ()
     above: Number = math.inf
 
 
 @dataclass(frozen=True, kw_only=True)
-class Invalid:
-    """Which readings mean nothing at all.
+class Invalid(Nothing):
+    """Which readings mean nothing at all. below : this or less [m]."""
 
-    values : as the file has them. above, below : every longer one, every other [m].
-    """
-
-    values: tuple[Number, ...] = ()
-    above: Number = math.inf
     below: Number = 0.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, kw_only=True)
 class Table:
     """One table of a recording, or one topic of a bag.
 
     Attributes
     ----------
-    source
-        The file's name, ``*`` standing for the recording's; or the topic. Empty: the only one.
+    file, topic
+        The file's name, ``*`` standing for the recording's; or the topic. None: the only one.
     columns
         Role -> where it stands: a name, a number from 1, or a path such as ``pose.x`` or
         ``raw[0]``.
@@ -133,58 +263,53 @@ class Table:
         Its range readings.
     mount
         How the sensor of a bag's standard topic sits; None: the bag says so, or nobody.
+    frames
+        Of /tf: ``odom.base_link``, whose place in which frame.
     """
 
-    source: str = ""
-    columns: MappingABC[str, str] = field(default_factory=dict)
+    file: Annotated[str, _one_star] | None = None
+    topic: str | None = None
+    columns: MappingABC[Role, Column] = field(default_factory=dict)
     beams: tuple[Beam, ...] = ()
     scan: Scan | None = None
-    mount: Mount | None = None
+    mount: SeatedAt | None = None
+    frames: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.beams and self.scan is not None:
+            raise ValueError("expected beams or a scan, not both")
+        if (self.mount or self.frames) and (self.columns.keys() - {"t"} or self.beams or self.scan):
+            raise ValueError(
+                "mount and frames stand in a table of a standard topic, without columns, beams or "
+                "scan"
+            )
 
     @property
-    def ways(self) -> list[str]:
-        """By which roles the robot's place can be had from it."""
-        roles = self.columns.keys()
-        turns = "turn" in roles or self._measures_yaw
-        ways = {
-            "x and y": {"x", "y"} <= roles,
-            "forward and turn": "forward" in roles and turns,
-            "left and right": {"left", "right"} <= roles,
-        }
-        return [way for way, is_there in ways.items() if is_there]
-
-    @property
-    def gives_place(self) -> bool:
-        """Whether the robot's place can be had from it."""
-        return bool(self.ways)
-
-    @property
-    def gives_yaw(self) -> bool:
-        """Whether the body's heading can be had from it; measured, it beats wheels and rates."""
-        return self._measures_yaw or any(way != "x and y" for way in self.ways)
-
-    @property
-    def _measures_yaw(self) -> bool:
-        return "yaw" in self.columns or self.columns.keys() >= _QUATERNION
+    def source(self) -> str:
+        """The file or topic; empty for the only one."""
+        return self.file or self.topic or ""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, kw_only=True)
 class Mapping:
     """What a mapping file says.
 
     Attributes
     ----------
-    format
-        ``csv``, ``json`` or ``ros``.
     tables
-        One or several, of which one gives the place.
+        One or several, of which one gives the place; of one alone ``columns``, ``beams`` and
+        ``scan`` may stand outside.
     rows
         JSON: path to the rows, empty for the file's outermost list or object.
-    delimiter, header, comment
-        CSV: what parts the columns (None: any white space); whether the first row names them;
-        how a line begins that says nothing.
+    delimiter, decimal, header, comment
+        CSV: what parts columns, what stands before decimals (None: guessed); whether the first
+        row names them; how a line begins that says nothing.
+    time_format
+        How dates are written, as strptime has it; None: as ISO 8601 has them.
     period
         Seconds from row to row, where no column has the time.
+    clockwise
+        Whether yaw and turn count clockwise.
     velocity_in_body
         Whether vx and vy are ahead and to the left, not along x and y.
     guard
@@ -193,64 +318,58 @@ class Mapping:
         Readings are dropped where no pose lies within this many seconds.
     """
 
-    format: str
-    tables: tuple[Table, ...]
-    rows: str = ""
-    delimiter: str | None = ","
-    header: bool = True
-    comment: str = "#"
-    units: Units = Units()
+    format: Annotated[Literal["csv", "json", "ros"], "csv, json or ros"]
+    tables: tuple[Table, ...] = ()
+    columns: MappingABC[Role, Column] = field(default_factory=dict)
+    beams: tuple[Beam, ...] = ()
+    scan: Scan | None = None
+    rows: str | None = None
+    delimiter: Annotated[str, _delimiter] | None = None
+    decimal: Literal[",", "."] | None = None
+    header: bool | None = None
+    comment: str | None = None
+    units: Units = field(default_factory=Units)
+    time_format: str | None = None
     ticks: Ticks | None = None
-    nothing: Nothing = Nothing()
-    invalid: Invalid = Invalid()
-    period: float | None = None
+    nothing: Nothing = field(default_factory=Nothing)
+    invalid: Invalid = field(default_factory=Invalid)
+    period: Positive | None = None
+    clockwise: bool = False
     velocity_in_body: bool = False
-    guard: float = 0.05
-    gap: float = 1.0
+    guard: NotNegative = 0.05
+    gap: Positive = 1.0
+
+    def __post_init__(self) -> None:
+        """Refuse keys that say nothing where they stand: somebody expects them to."""
+        for key, form in (("rows", "json"), ("delimiter", "csv"), ("header", "csv"),
+                          ("comment", "csv"), ("decimal", "csv")):  # fmt: skip
+            if getattr(self, key) is not None and self.format != form:
+                raise ValueError(f"{key}, is for {form}, the format is {self.format}")
+        for key in ("columns", "beams", "scan"):
+            if self.tables and getattr(self, key):
+                raise ValueError(f"{key}, expected it inside tables")
+        if len(self.tables) > _MOST_TABLES:
+            raise ValueError(f"tables, found {len(self.tables)}, expected at most {_MOST_TABLES}")
+        source, other = ("topic", "file") if self.format == "ros" else ("file", "topic")
+        for table in self.tables:
+            if getattr(table, other) is not None:
+                raise ValueError(f"tables, found {other}, expected {source}")
+            if (table.mount or table.frames) and self.format != "ros":
+                raise ValueError("tables, found mount or frames, which are for topics of a bag")
+            if len(self.tables) > 1 and getattr(table, source) is None:
+                raise ValueError(f"tables, {source} is missing")
 
     def worth(self, quantity: str) -> float:
         """Return what the unit of a quantity is worth in metres, radians or seconds."""
-        return _WORTH[getattr(self.units, quantity)]
+        return WORTH[getattr(self.units, quantity)] if quantity else 1.0
 
+    def worth_of(self, role: str) -> float:
+        """Return what the unit of a role is worth."""
+        return self.worth(ROLES[role].quantity)
 
-def fault_of(tables: tuple[Table, ...], ticks: Ticks | None, in_body: bool = False) -> str | None:
-    """Return what a mapping lacks or has too much of, in one sentence; None if it can be used."""
-    places = [table for table in tables if table.gives_place]
-    if len(places) != 1:
-        found = "no table" if not places else f"{len(places)} tables"
-        return (
-            f"{found} with the robot's place, expected one with x and y, forward and turn, "
-            "or left and right"
-        )
-    (place,) = places
-    if len(place.ways) > 1:
-        return "the place comes from more than one of x y, forward turn, left right; expected one"
-    if {"left", "right"} <= place.columns.keys() and ticks is None:
-        return "left and right are ticks, expected the key ticks to say what they are worth"
-    for table in tables:
-        some = _QUATERNION & table.columns.keys()
-        if some and some != _QUATERNION:
-            return f"found {', '.join(sorted(some))}, expected qx, qy, qz and qw together"
-        if "vx" in table.columns and not table.gives_place:
-            return "vx and vy check the place, expected them in the table that gives it"
-        for pair in _PAIRS:
-            if len(table.columns.keys() & set(pair)) == 1:
-                return f"found one of {' and '.join(pair)}, expected both or none"
-        if some and "yaw" in table.columns:
-            return "found yaw and a quaternion, expected one of them"
-        for role in table.columns.keys() & {"forward", "turn"}:
-            if "forward and turn" not in table.ways or "forward" not in table.columns:
-                return f"found {role}, which says nothing here; expected forward with turn or yaw"
-    if in_body and "vx" in place.columns and not place.gives_yaw:
-        return "velocity_in_body needs the body's heading in the table of vx and vy"
-    headings = [table for table in tables if table.gives_yaw]
-    if len(headings) > 1:
-        return f"{len(headings)} tables with the body's heading, expected one"
-    return None
-
-
-APART = math.radians(5)
-"""A reading stands for a beam if it is no further off than this, or than half a scan's step."""
+    def fault(self) -> str | None:
+        """Return what keeps it from being used, in one sentence; None if nothing does."""
+        return fault_of(self.tables, self.ticks is not None, self.velocity_in_body)
 
 
 def chosen(angles: Sequence[float], wanted: Sequence[float], step: float = 0.0) -> list[int]:
@@ -276,8 +395,50 @@ def chosen(angles: Sequence[float], wanted: Sequence[float], step: float = 0.0) 
     return found
 
 
-def of_scan(scan: Scan, count: int, wanted: Sequence[float]) -> tuple[list[int], list[Mount]]:
-    """Return which readings of a scan are used, and how their beams lie."""
-    angles = [scan.first + index * scan.step for index in range(count)]
-    used = chosen(angles, wanted, scan.step)
-    return used, [Mount(angles[index], scan.x, scan.y) for index in used]
+def used_beams(table: Table, wanted: Sequence[float]) -> list[Beam]:
+    """Return the single readings of a table that are used.
+
+    Those nearest to the wanted angles, or all where none is near; what touches, and what a servo
+    turns, looks at no one angle and is always used.
+    """
+    free = [one for one in table.beams if one.servo is None and one.contact is None]
+    found = [free[index] for index in chosen([one.angle for one in free], wanted)]
+    always = [one for one in table.beams if one.servo is not None or one.contact is not None]
+    return (found or (free if wanted else [])) + (always if wanted else [])
+
+
+def find_mapping(name: str) -> Path:
+    """Return the file of a mapping: a path, or the name of a shipped one.
+
+    Raises
+    ------
+    SettingsError
+        If there is neither.
+    """
+    return find_shipped(FOLDER, name, "--mapping")
+
+
+def read_mapping(path: Path) -> Mapping:
+    """Read a mapping file.
+
+    Raises
+    ------
+    SettingsError
+        ``file:line: key, value found, what was expected``.
+    """
+    found = bind_file(path, Mapping, "a mapping with format and columns")
+    if not found.tables:
+        try:
+            only = Table(columns=found.columns, beams=found.beams, scan=found.scan)
+        except ValueError as error:
+            raise SettingsError(f"{printable(str(path))}: {error}") from None
+        found = replace(found, tables=(only,), columns={}, beams=(), scan=None)
+    # A bag's standard types say themselves what they hold: it is checked when the bag is open.
+    fault = None if found.format == "ros" else found.fault()
+    timed = found.period is not None or all("t" in table.columns for table in found.tables)
+    if fault is None and found.format != "ros" and not timed:
+        which = "no column t" if len(found.tables) == 1 else "a table without a column t"
+        fault = f"{which}, expected one, or the key period in seconds"
+    if fault is not None:
+        raise SettingsError(f"{printable(str(path))}: {fault}")
+    return found

@@ -1,34 +1,40 @@
-"""The rows of one table as arrays: units turned, ticks laid out, readings that are none marked."""
+"""The rows of one table as arrays: units turned, clocks ordered, readings that are none marked."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from collections.abc import Mapping as MappingABC
 from dataclasses import dataclass
 
 import numpy as np
 
-from possmap.core.ranges import LARGEST
 from possmap.errors import RecordingError
 from possmap.lab.convert.samples import Flags, Floats, unwrapped
 from possmap.lab.convert.tally import Tally
-from possmap.lab.recordings.mapping import Mapping, Table
-from possmap.lab.recordings.reckoning import Reckoner
-from possmap.lab.recordings.sense import JumpGuard, readable, spikes
+from possmap.lab.recordings.clocks import Clock
+from possmap.lab.recordings.guard import JumpGuard
+from possmap.lab.recordings.leaps import Leaps
+from possmap.lab.recordings.mapping import WORTH, Beam, Mapping, Table, Ticks
+from possmap.lab.recordings.recording import Handling
+from possmap.lab.recordings.roles import HEADINGS, said
 
-STUBBORN = 100
-"""So many samples in a row behind the clock, and it has been set back for good."""
+FARTHEST = 1e9
+"""No coordinate of a recording lies beyond this [m]; those of a log lie much nearer."""
 
 FASTEST = 1000.0
 """A faster robot has not been seen: such a velocity is not measured [m/s]."""
+
+_WITHOUT_NUMBER = "rows with NaN or infinity for a pose, skipped"
+_NO_MEANING = "readings that mean nothing, dropped"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
     """What some rows of a table say; n rows, in the order of time.
 
-    t : [s]. place : (n, 2) [m]. yaw : (n,) [rad]. ranges : (n, k) [m].
+    t : [s]. place : (n, 2), or the way so far, (n, 1) [m]. yaw : (n,) [rad].
+    ranges : (n, k), as samples have them. piece : (n,), the number of the excursion, from 0.
     What the table does not say is None.
     """
 
@@ -36,6 +42,7 @@ class Readings:
     place: Floats | None
     yaw: Floats | None
     ranges: Floats | None
+    piece: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.t)
@@ -47,49 +54,60 @@ class Readings:
         found: Flags = np.logical_or.reduce(~np.isnan(ranges), axis=1)
         return found
 
+    def _columns(self) -> tuple[Floats | None, ...]:
+        return self.place, self.yaw, self.ranges, self.piece
+
     def part(self, start: int, stop: int | None = None) -> Readings:
         """Return the rows from ``start`` up to ``stop``."""
         cut = slice(start, stop)
-        return Readings(
-            self.t[cut],
-            *(
-                None if column is None else column[cut]
-                for column in (self.place, self.yaw, self.ranges)
-            ),
-        )
+        return Readings(self.t[cut], *(c if c is None else c[cut] for c in self._columns()))
 
     def followed_by(self, later: Readings) -> Readings:
         """Return these rows with later ones behind them."""
+        both = zip(self._columns(), later._columns(), strict=True)
         return Readings(
             np.concatenate([self.t, later.t]),
-            *(
-                None if one is None or other is None else np.concatenate([one, other])
-                for one, other in (
-                    (self.place, later.place),
-                    (self.yaw, later.yaw),
-                    (self.ranges, later.ranges),
-                )
-            ),
+            *(None if a is None or b is None else np.concatenate([a, b]) for a, b in both),
         )
 
 
 class Interpreter:
-    """Turns the columns of one table into readings; remembers what the next rows build on."""
+    """Turns the columns of one table into readings; remembers what the next rows build on.
 
-    def __init__(self, name: str, table: Table, mapping: Mapping, tally: Tally) -> None:
+    Parameters
+    ----------
+    beams
+        Of the ranges that are read, in their order.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        table: Table,
+        mapping: Mapping,
+        beams: Sequence[Beam],
+        tally: Tally,
+        handling: Handling,
+    ) -> None:
         self._name = name
-        self._table = table
         self._mapping = mapping
+        self._beams = beams
+        self._heading = next(iter(said(HEADINGS, table.columns)), None)
         self._tally = tally
+        self._clock = Clock(name, tally)
         self._guard = JumpGuard(mapping.guard, tally)
-        self._reckoner = Reckoner(mapping, tally)
-        self._clock = -math.inf
-        self._behind = 0
+        self._leaps = Leaps(name, handling.jump, handling.max_speed, tally)
         self._yaw: float | None = None
+        self._t: float | None = None
+        self._rolled: Floats | None = None
+        self._counted: tuple[float, float] | None = None
+        self._laid: tuple[Floats, float] | None = None
         self._rows = 0
         self._lost = 0
         self._first_lost = 0
         self._why = ""
+        if "turn" in table.columns and self._heading not in (None, "turn"):
+            tally.note(f"role turn is not read, beside a heading from {self._heading}")
 
     def lose(self, what: str, line: int, why: Callable[[], str] = str) -> None:
         """Count a row that cannot be read, and so is not given to ``read``.
@@ -108,22 +126,24 @@ class Interpreter:
     def finish(self) -> None:
         """Check, behind the last row, that most of the table was of use.
 
-        A row that says NaN for a pose says something, and is not counted here.
-
         Raises
         ------
         RecordingError
-            If more than half of the rows could not be read, or stood behind the clock.
+            If more than half of the rows were dropped.
         """
         if 2 * self._lost > self._rows:
             raise RecordingError(
                 f"{self._name}:{self._first_lost}",
-                f"{self._lost} of {self._rows} rows cannot be read or run backwards in time, "
-                f"the first here, expected at most half{self._why and f' ({self._why})'}",
+                f"{self._lost} of {self._rows} rows cannot be used, the first here, expected at "
+                f"most half{f' ({self._why})' if self._why else self._tally.explanation()}",
             )
 
     def read(
-        self, columns: MappingABC[str, Floats], ranges: Floats | None, lines: Floats
+        self,
+        columns: MappingABC[str, Floats],
+        ranges: Floats | None,
+        lines: Floats,
+        longest: Floats | None = None,
     ) -> Readings:
         """Return what rows say.
 
@@ -133,9 +153,11 @@ class Interpreter:
             By role, as the file has them, each of shape (n,); without ``t``, ``row`` holds the
             number of each row, from 0.
         ranges
-            As the file has them, (n, k).
+            As the file has them, behind them the angles of servos, (n, k).
         lines
             Where each row stands in the file, for messages, (n,).
+        longest
+            How far each row says that its sensor sees, (n, 1) [m]; this long, it saw nothing.
 
         Raises
         ------
@@ -146,126 +168,218 @@ class Interpreter:
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows is found below
             t = self._times(columns)
             keep = self._sound(t, columns, lines)
+            keep &= self._clock.forward(t, keep, lines, self._count_lost)
             if not keep.all():
                 columns = {role: column[keep] for role, column in columns.items()}
                 t, lines = t[keep], lines[keep]
                 ranges = None if ranges is None else ranges[keep]
-            place, yaw = self._poses(t, columns)
-            self._check_bounds(place, yaw, lines)
+                longest = None if longest is None else longest[keep]
             if ranges is not None:
-                ranges = readable(ranges, self._mapping, self._tally)
-        return Readings(t, place, yaw, ranges)
+                ranges = readable(ranges, self._beams, self._mapping, longest, self._tally)
+            t = self._clock.ordered(t, self._what(columns), ranges, lines)
+            return self._settled(t, columns, ranges, lines)
 
     def _times(self, columns: MappingABC[str, Floats]) -> Floats:
         if "t" in columns:
             return columns["t"] * self._mapping.worth("time")
         return columns["row"] * (self._mapping.period or 1.0)
 
+    def _what(self, columns: MappingABC[str, Floats]) -> Floats | None:
+        """Return what rows say of the pose, (n, k): of one time they may say one thing."""
+        told = [column for role, column in columns.items() if role not in ("t", "row")]
+        return np.column_stack(told) if told else None
+
     def _sound(self, t: Floats, columns: MappingABC[str, Floats], lines: Floats) -> Flags:
-        """Return which rows can be used: finite, in bounds, and not behind the clock."""
+        """Return which rows can be used: those with finite numbers, in bounds."""
         sound = np.isfinite(t)
         for role, column in columns.items():
             if role not in ("t", "vx", "vy"):
                 sound &= np.isfinite(column)
-        self._left_out("rows with NaN or infinity for a pose, skipped", ~sound, lines)
+        self._left_out(_WITHOUT_NUMBER, ~sound, lines)
         if "qw" in columns:
-            empty = sound & (sum(np.abs(columns[role]) for role in ("qx", "qy", "qz", "qw")) == 0)
+            parts = [np.abs(columns[role]) for role in ("qx", "qy", "qz", "qw") if role in columns]
+            empty = sound & (np.sum(parts, axis=0) == 0)
             self._left_out("rows with a quaternion of zeros, skipped", empty, lines)
             sound &= ~empty
         far = np.zeros(len(t), dtype=np.bool_)
-        for role, quantity in (("x", "length"), ("y", "length"), ("yaw", "angle")):
+        for role in ("x", "y", "yaw", "compass"):
             if role in columns:
-                far |= np.abs(columns[role]) * self._mapping.worth(quantity) > LARGEST
-        self._left_out("rows with a place or heading beyond ±1e6, skipped", sound & far, lines)
-        sound &= ~far
-        ahead = sound & spikes(np.where(sound, t, np.nan))
-        self._left_out("rows whose clock jumped ahead and back, skipped", ahead, lines)
-        sound &= ~ahead
-        times = np.where(sound, t, -math.inf)
-        latest = np.maximum.accumulate(np.concatenate([[self._clock], times]))
-        behind = sound & (t < latest[:-1])
-        self._left_out("rows whose clock ran backwards, skipped", behind, lines)
-        self._check_clock(t, behind, sound, latest, lines)
-        if behind.any():
-            self._count_lost(int(behind.sum()), int(lines[int(np.argmax(behind))]))
-        self._clock = float(latest[-1])
-        kept: Flags = sound & ~behind
-        return kept
+                far |= np.abs(columns[role]) * self._mapping.worth_of(role) > FARTHEST
+        self._left_out("rows with a place or heading beyond ±1e9, skipped", sound & far, lines)
+        return sound & ~far
 
     def _count_lost(self, count: int, first: int) -> None:
         self._first_lost = self._first_lost or first
         self._lost += count
 
-    def _check_clock(
-        self, t: Floats, behind: Flags, sound: Flags, latest: Floats, lines: Floats
-    ) -> None:
-        if not behind.any():
-            self._behind = 0 if sound.any() else self._behind
-            return
-        for index in np.flatnonzero(sound).tolist():
-            self._behind = self._behind + 1 if behind[index] else 0
-            if self._behind == STUBBORN:
-                raise RecordingError(
-                    f"{self._name}:{int(lines[index])}",
-                    f"the clock, found {t[index]:.3f} s after {latest[index]:.3f} s and "
-                    f"{STUBBORN} rows without catching up, expected times that rise; "
-                    "cut the recording where it was set back",
-                )
-
     def _left_out(self, what: str, which: Flags, lines: Floats) -> None:
         if which.any():
             first = int(lines[int(np.argmax(which))])
             self._tally.add(what, f"{self._name}:{first}", int(which.sum()))
+            self._count_lost(int(which.sum()), first)
 
-    def _poses(
-        self, t: Floats, columns: MappingABC[str, Floats]
-    ) -> tuple[Floats | None, Floats | None]:
-        """Return the place and the heading at each row; None for what the table does not say."""
-        yaw = self._yaw_of(columns)
-        place = None
+    def _settled(
+        self,
+        t: Floats,
+        columns: MappingABC[str, Floats],
+        ranges: Floats | None,
+        lines: Floats,
+    ) -> Readings:
+        """Return the readings of rows that are in order: their places without jumps."""
+        yaw = self._measured(t, columns)
+        place, ticks = self._place(t, columns, yaw)
+        # What a gyro or a wheel tells of the heading turns with no frame.
+        frame = yaw if place is not None and ticks is None and self._heading != "turn" else None
+        self._t = float(t[-1]) if len(t) else self._t
+        if place is None:
+            self._check_bounds(place, yaw, lines)
+            return Readings(t, None, yaw, ranges)
+        found = self._leaps.settle(t, place, frame, lines, rolled="x" not in columns)
+        if not found.keep.all():
+            t, lines = t[found.keep], lines[found.keep]
+            ranges = None if ranges is None else ranges[found.keep]
+            yaw = None if yaw is None else yaw[found.keep]
+            dropped = np.flatnonzero(~found.keep)
+            self._count_lost(len(dropped), int(lines[0]) if len(lines) else 0)
+        place, yaw = found.place, yaw if frame is None else found.yaw
+        if ticks is not None and len(place):
+            if yaw is None:
+                yaw = (place[:, 1] - place[:, 0]) / ticks.track
+            place = place.mean(axis=1, keepdims=True)
+        self._check_bounds(place, yaw, lines)
+        return Readings(t, place, yaw, ranges, found.piece)
+
+    def _place(
+        self, t: Floats, columns: MappingABC[str, Floats], yaw: Floats | None
+    ) -> tuple[Floats | None, Ticks | None]:
+        """Return x and y, the way so far, or what each wheel rolled, (n, k) [m]; then the ticks."""
+        mapping = self._mapping
         if "x" in columns:
-            place = np.column_stack([columns["x"], columns["y"]]) * self._mapping.worth("length")
-        elif "forward" in columns:
-            forward, turn = columns["forward"], columns.get("turn")
-            place, yaw = self._reckoner.by_speeds(t, forward, turn, yaw)
-        elif "left" in columns:
-            place, yaw = self._reckoner.by_ticks(columns["left"], columns["right"], yaw)
-        if "vx" in columns and place is not None:
-            velocity = np.column_stack([columns["vx"], columns["vy"]])
-            velocity = velocity * self._mapping.worth("speed")
-            velocity[~(np.abs(velocity) <= FASTEST).all(axis=1)] = np.nan
-            if self._mapping.velocity_in_body and yaw is not None:
-                velocity = turned(velocity, yaw)
-            place = self._guard.mended(t, place, velocity)
-        return place, yaw
+            place = np.column_stack([columns["x"], columns["y"]]) * mapping.worth("length")
+            if "vx" in columns:
+                velocity = np.column_stack([columns["vx"], columns["vy"]]) * mapping.worth("speed")
+                velocity[~(np.abs(velocity) <= FASTEST).all(axis=1)] = np.nan
+                if mapping.velocity_in_body and yaw is not None:
+                    velocity = turned(velocity, yaw)
+                place = self._guard.mended(t, place, velocity)
+            return place, None
+        if "forward" in columns:
+            way = columns["forward"] * mapping.worth("speed") * self._seconds(t)
+            return self._summed(way[:, None]), None
+        if "left" not in columns or mapping.ticks is None:
+            return None, None
+        ticks = mapping.ticks
+        counted = np.column_stack([columns["left"], columns["right"]])
+        return self._summed(self._steps(counted, ticks) * ticks.worth), ticks
 
-    def _yaw_of(self, columns: MappingABC[str, Floats]) -> Floats | None:
+    def _seconds(self, t: Floats) -> Floats:
+        """Return how long each row took."""
+        first = t[:1] if self._t is None else [self._t]
+        found: Floats = np.diff(t, prepend=first)
+        return found
+
+    def _steps(self, counted: Floats, ticks: Ticks) -> Floats:
+        """Return by what wheels went on since the row before, (n, 2), in ticks."""
+        if not ticks.cumulative or not len(counted):
+            return counted
+        before = self._counted or (float(counted[0, 0]), float(counted[0, 1]))
+        self._counted = float(counted[-1, 0]), float(counted[-1, 1])
+        steps = np.diff(counted, axis=0, prepend=[before])
+        if ticks.wrap is None:
+            return steps
+        half = ticks.wrap / 2
+        over = int((np.abs(steps) > half).sum())
+        self._tally.add("tick counters that began anew, continued", count=over)
+        continued: Floats = (steps + half) % ticks.wrap - half
+        return continued
+
+    def _summed(self, steps: Floats) -> Floats:
+        before = np.zeros(steps.shape[1]) if self._rolled is None else self._rolled
+        found: Floats = before + np.cumsum(steps, axis=0)
+        if len(found):
+            self._rolled = found[-1]
+        return found
+
+    def _measured(self, t: Floats, columns: MappingABC[str, Floats]) -> Floats | None:
+        """Return the heading that something measured [rad]; None where the table has none."""
+        sign = -1.0 if self._mapping.clockwise else 1.0
         yaw: Floats
-        if "yaw" in columns:
-            yaw = columns["yaw"] * self._mapping.worth("angle")
-        elif "qw" in columns:
-            yaw = of_quaternion(*(columns[role] for role in ("qx", "qy", "qz", "qw")))
+        if self._heading == "yaw":
+            yaw = sign * columns["yaw"] * self._mapping.worth("angle")
+        elif self._heading == "compass":
+            yaw = math.pi / 2 - columns["compass"] * self._mapping.worth("angle")
+        elif self._heading == "a quaternion":
+            none = np.zeros(len(t))
+            parts = (columns.get(role, none) for role in ("qx", "qy", "qz", "qw"))
+            yaw = of_quaternion(*parts)
+        elif self._heading == "turn":
+            rate = sign * columns["turn"] * self._mapping.worth("turn_rate")
+            yaw = (self._yaw or 0.0) + np.cumsum(rate * self._seconds(t))
         else:
             return None
-        yaw = unwrapped(yaw, self._yaw)
+        if self._heading != "turn":
+            yaw = unwrapped(yaw, self._yaw)
         if len(yaw):
             self._yaw = float(yaw[-1])
         return yaw
 
     def _check_bounds(self, place: Floats | None, yaw: Floats | None, lines: Floats) -> None:
-        """Refuse a way that ticks, speeds or velocities lead beyond what a log can hold."""
+        """Refuse a way that ticks, speeds or velocities lead beyond all bounds."""
         inside = np.ones(len(lines), dtype=np.bool_)
         if place is not None:
-            inside &= (np.abs(place) <= LARGEST).all(axis=1)
+            inside &= (np.abs(place) <= FARTHEST).all(axis=1)
         if yaw is not None:
-            inside &= np.abs(yaw) <= LARGEST
+            inside &= np.abs(yaw) <= FARTHEST
         if not inside.all():
             line = int(lines[int(np.argmin(inside))])
             raise RecordingError(
                 f"{self._name}:{line}",
-                "the way computed up to here leads beyond ±1e6 m or rad, expected speeds or "
+                "the way computed up to here leads beyond ±1e9 m or rad, expected speeds or "
                 "ticks of a robot",
             )
+
+
+def readable(
+    ranges: Floats,
+    beams: Sequence[Beam],
+    mapping: Mapping,
+    longest: Floats | None,
+    tally: Tally,
+) -> Floats:
+    """Return readings as samples have them, with the angles of servos behind them.
+
+    Parameters
+    ----------
+    ranges
+        As the file has them; the angles of servos behind them [deg], (n, k).
+    longest
+        How far each row's sensor sees, as it says itself (n, 1) [m].
+    """
+    count = len(beams)
+    read, no_echo, none = ranges[:, :count], mapping.nothing, mapping.invalid
+    worth = np.array([WORTH[one.unit or mapping.units.range] for one in beams])
+    limit = np.array([min(one.max, no_echo.above) for one in beams])[None, :]
+    if longest is not None:
+        limit = np.minimum(limit, longest)
+    metres = read * worth
+    nothing = (metres >= limit) | np.isposinf(metres) | np.isin(read, no_echo.values)
+    missing = np.isnan(metres)  # no reading is no fault: not every row has one of every beam
+    invalid = (metres > none.above) | (metres <= none.below) | np.isin(read, none.values)
+    touches = np.array([one.contact is not None for one in beams])
+    invalid &= ~nothing & ~missing & ~touches
+    tally.add(_NO_MEANING, count=int(invalid.sum()))
+    found = np.where(nothing, -np.minimum(limit, none.above), np.where(invalid, np.nan, metres))
+    if touches.any():
+        found[:, touches] = np.where(read[:, touches] != 0, read[:, touches], np.nan)
+    servos = [index for index, one in enumerate(beams) if one.servo]
+    if not servos:
+        return found
+    sign = np.array([-1.0 if beams[index].clockwise else 1.0 for index in servos])
+    ahead = np.array([beams[index].ahead_deg for index in servos])
+    turned_by = sign * (np.radians(ranges[:, count:]) - ahead)
+    found[:, servos] = np.where(np.isfinite(turned_by), found[:, servos], np.nan)
+    turned_by = np.where(np.isnan(found[:, servos]), np.nan, turned_by)
+    return np.column_stack([found, turned_by])
 
 
 def of_quaternion(qx: Floats, qy: Floats, qz: Floats, qw: Floats) -> Floats:

@@ -2,15 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from possmap.lab.convert.samples import Mount, Samples
 from possmap.lab.convert.tally import Tally
+from possmap.lab.recordings.leaps import Jump
+from possmap.lab.recordings.mapping import Beam
 from possmap.lab.recordings.stream import Progress
 
 CHUNK_ROWS = 4096
 """Rows read before they are looked at together."""
+
+
+@dataclass(frozen=True, slots=True)
+class Handling:
+    """What becomes of steps that no robot can make.
+
+    max_speed : what is faster is one [m/s]; None: what stands out of the recording itself.
+    """
+
+    jump: Jump = "bridge"
+    max_speed: float | None = None
+
+
+BRIDGED = Handling()
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,18 +44,27 @@ class Recording:
         is counted in the tally.
     size
         Of its files [bytes], as the progress counts them.
+    unused
+        Where beams that it has besides look [rad].
     """
 
     name: str
     mounts: tuple[Mount, ...]
     samples: Callable[[Tally, Progress | None], Iterator[Samples]]
     size: int
+    unused: tuple[float, ...] = ()
 
 
-def left_out(problem: str, tally: Tally) -> str:
-    """Return a problem with what was left out on the way behind it, which may explain it."""
-    counts = [
-        f"{one.count} {what} ({one.first})" if one.first else f"{one.count} {what}"
-        for what, one in tally.counts.items()
-    ]
-    return "; ".join([problem, *counts])
+def mounts_of(
+    tables: Sequence[Sequence[Beam]],
+) -> tuple[list[tuple[int, int]], tuple[Mount, ...]]:
+    """Return how many beams and servos each table has, and how all beams sit on the robot.
+
+    tables : the beams that are used of each. Servos stand behind all beams in the samples' ranges.
+    """
+    servo = sum(map(len, tables))
+    mounts = []
+    for beam in (one for beams in tables for one in beams):
+        mounts.append(beam.mount(servo if beam.servo else None))
+        servo += beam.servo is not None
+    return [(len(one), sum(b.servo is not None for b in one)) for one in tables], tuple(mounts)

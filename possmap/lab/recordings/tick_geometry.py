@@ -26,11 +26,18 @@ class TickGeometry:
     name: str
     ticks: Ticks
 
+    @property
+    def said(self) -> str:
+        """What was found, for people."""
+        left, right = (f"{worth * 1000:.4g}" for worth in self.ticks.worth)
+        return (
+            f"ticks of {left} and {right} mm, {self.ticks.track:g} m from wheel to wheel, by the "
+            f"metadata beside it ({PATTERN})"
+        )
+
 
 def geometry_beside(recording: Path) -> TickGeometry | None:
     """Return the geometry told beside a recording; None where nothing tells it.
-
-    Metadata are those of the recording's own name up to ``_run-``, or the only ones in its folder.
 
     Raises
     ------
@@ -38,16 +45,16 @@ def geometry_beside(recording: Path) -> TickGeometry | None:
         If the metadata lack a number, or are of a robot without two driven wheels.
     """
     found = sorted(recording.parent.glob(PATTERN))
-    stem = recording.stem.partition("_run-")[0]
-    own = [one for one in found if one.name == f"{stem}_metadata.csv"] or found
-    if len(own) != 1:
+    prefix = recording.name.partition("_")[0]
+    own = [one for one in found if one.name.startswith(prefix)] or found
+    if not own:
         return None
     rows: dict[str, tuple[int, list[str]]] = {}
     text = read_text(own[0], Limits()).text
     for number, line in enumerate(text.lstrip("\ufeff").splitlines(), 1):
         name, *values = [part.strip() for part in line.split(",")]
         rows[name] = number, [value for value in values if value]
-    if "Li" not in rows:  # of something else
+    if not rows.keys() & {"ngear", "encRes", "Li", "Di"}:  # of something else
         return None
     kind = rows.get("type", (1, [""]))[1]
     if kind != ["diff"]:
@@ -59,7 +66,9 @@ def geometry_beside(recording: Path) -> TickGeometry | None:
     )
     right, left = _numbers(own[0], rows, "Di", 2)
     turn = gear * encoder
-    ticks = Ticks(math.pi * left / turn, math.pi * right / turn, track, cumulative=False)
+    ticks = Ticks(
+        left=math.pi * left / turn, right=math.pi * right / turn, track=track, cumulative=False
+    )
     wheels = f"{right:g}" if right == left else f"{right:g}-{left:g}"
     return TickGeometry(f"Li{track:g}-Di{wheels}", ticks)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import operator
 import re
 from collections.abc import Callable, Mapping
@@ -14,8 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from possmap.errors import RecordingError, did_you_mean, printable, shown
-from possmap.lab.convert.samples import Floats
-from possmap.lab.convert.tally import Tally
+from possmap.lab.recordings.roles import Role
 from possmap.lab.recordings.rosbag.bag import short
 
 Getter: TypeAlias = Callable[[object], Any]
@@ -48,7 +46,7 @@ class Fields:
         if isinstance(value, (int, float, np.generic)):
             return get
         if _is_time(value):
-            return lambda message: _seconds(get(message))
+            return lambda message: seconds(get(message))
         raise self._not(path, value, "a number")
 
     def is_time(self, path: str) -> bool:
@@ -72,7 +70,7 @@ class Fields:
         """Return what takes the header's time [s] out of a message; None if it has none."""
         stamp = getattr(getattr(self.message, "header", None), "stamp", None)
         get = operator.attrgetter("header.stamp")
-        return (lambda message: _seconds(get(message))) if _is_time(stamp) else None
+        return (lambda message: seconds(get(message))) if _is_time(stamp) else None
 
     def _walk(self, path: str) -> tuple[Any, Getter]:
         """Return what stands at a path, and what takes it out of a message."""
@@ -170,7 +168,8 @@ def _is_time(value: object) -> bool:
     return hasattr(value, "sec") and hasattr(value, "nanosec")
 
 
-def _seconds(time: Any) -> float:
+def seconds(time: Any) -> float:
+    """Return a time of a message in seconds."""
     return float(time.sec + 1e-9 * time.nanosec)
 
 
@@ -180,12 +179,18 @@ SCAN = "sensor_msgs/msg/LaserScan"
 RANGE = "sensor_msgs/msg/Range"
 
 
-def _pose(path: str) -> dict[str, str]:
-    places = {axis: f"{path}.position.{axis}" for axis in "xy"}
-    return places | {f"q{axis}": f"{path}.orientation.{axis}" for axis in "xyzw"}
+def _pose(path: str) -> dict[Role, str]:
+    return {
+        "x": f"{path}.position.x",
+        "y": f"{path}.position.y",
+        "qx": f"{path}.orientation.x",
+        "qy": f"{path}.orientation.y",
+        "qz": f"{path}.orientation.z",
+        "qw": f"{path}.orientation.w",
+    }
 
 
-POSES: Mapping[str, Mapping[str, str]] = MappingProxyType(
+POSES: Mapping[str, Mapping[Role, str]] = MappingProxyType(
     {ODOMETRY: _pose("pose.pose"), POSE: _pose("pose")}
 )
 """Type -> role -> field."""
@@ -194,18 +199,3 @@ LIMITS: Mapping[str, tuple[str, str]] = MappingProxyType(
     {SCAN: ("range_min", "range_max"), RANGE: ("min_range", "max_range")}
 )
 """Type -> fields with the shortest and the longest reading that means something [m]."""
-
-
-def judged(ranges: Floats, limits: Floats, type_: str, tally: Tally) -> Floats:
-    """Return the readings of standard messages: NaN where one is none, infinity for nothing seen.
-
-    As REP 117 has it, +infinity says that nothing was in sight, and -infinity, NaN and whatever is
-    out of limits say nothing. A longest reading is the way of many drivers to say infinity.
-
-    ranges : (n, k) [m]. limits : (n, 2), as LIMITS has them [m].
-    """
-    low, high = limits[:, :1], limits[:, 1:]
-    nothing = np.isposinf(ranges) | (ranges >= high if type_ == RANGE else ranges == high)
-    sound = (ranges >= low) & (ranges <= high) & ~nothing
-    tally.add("readings that mean nothing, dropped", count=int((~sound & ~nothing).sum()))
-    return np.where(nothing, math.inf, np.where(sound, ranges, math.nan))

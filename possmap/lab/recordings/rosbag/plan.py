@@ -1,4 +1,4 @@
-"""How one topic of a bag is read: what is taken out of each message, and what it is worth."""
+"""How one topic of a bag is read: which rows its messages become, and what these are worth."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ import numpy as np
 
 from possmap.core.ranges import LARGEST
 from possmap.errors import RecordingError, printable, shown
-from possmap.lab.convert.samples import Mount
-from possmap.lab.recordings.mapping import Mapping, Scan, Table, Units, chosen, of_scan
+from possmap.lab.convert.samples import Floats
+from possmap.lab.recordings.mapping import Beam, Mapping, Scan, Table, Units, chosen, used_beams
+from possmap.lab.recordings.roles import Role
 from possmap.lab.recordings.rosbag.bag import Bag, Decoder, Topic, short
 from possmap.lab.recordings.rosbag.fields import (
     LIMITS,
@@ -24,10 +25,11 @@ from possmap.lab.recordings.rosbag.fields import (
     listed,
     names_of,
 )
-from possmap.lab.recordings.rosbag.frames import Frames, Seat, frame_of
+from possmap.lab.recordings.rosbag.frames import TRANSFORMS, Frames, Seat, frame_of
 
-Row: TypeAlias = Callable[[object], list[float] | None]
-"""What a message says, as Plan has it; None of a scan of another layout, or another sensor's."""
+Rows: TypeAlias = Callable[[Any, float], "list[list[float]] | None"]
+"""Makes rows, as Plan has them, of a message and the bag's own time [s]; None where it is of
+another layout, or another sensor's."""
 
 _SAME_ANGLE = 1e-5  # [rad]
 
@@ -40,13 +42,11 @@ class Plan:
     ----------
     mapping
         Whose units hold for this topic.
-    roles, limited, mounts
-        What a row has: the value of each role, then the shortest and longest range that mean
-        something if it is limited, then a range for each mount.
-    stamp
-        What takes the time out of a message; None where the bag's own counts.
+    decode, rows
+        Bytes become a message, and a message rows: the time, the value of each role, the shortest
+        and longest range that mean something if it is limited, then a range for each beam.
     unstamped
-        Whether that is so although the messages have a stamp: it is 0.
+        Whether the bag's time is taken although the messages have a stamp: it is 0.
     seat
         How the sensor sits, of a standard topic of ranges.
     """
@@ -55,12 +55,11 @@ class Plan:
     table: Table
     mapping: Mapping
     decode: Decoder
-    row: Row
+    rows: Rows
     roles: tuple[str, ...]
-    limited: bool
-    mounts: tuple[Mount, ...]
-    stamp: Getter | None
-    unstamped: bool
+    beams: tuple[Beam, ...] = ()
+    limited: bool = False
+    unstamped: bool = False
     seat: Seat | None = None
 
 
@@ -68,12 +67,12 @@ class Plan:
 class _Ranges:
     """What stands in a row behind the roles.
 
-    mounts : of the ranges. getters : of the limits and of single ranges.
+    beams : of the ranges. getters : of the limits and of single ranges.
     listed : of a list of ranges. used, count : which of them, of how many.
     layout : of what must be as in the first message, with the values there.
     """
 
-    mounts: Sequence[Mount] = ()
+    beams: Sequence[Beam] = ()
     getters: Sequence[Getter] = ()
     listed: Getter | None = None
     used: Sequence[int] = ()
@@ -83,8 +82,7 @@ class _Ranges:
 
 def names_fields(table: Table) -> bool:
     """Whether a table says itself what is where, and its topic's type does not matter."""
-    named = table.columns.keys() - {"t"} or any(beam.column for beam in table.beams)
-    return bool(named) or table.scan is not None
+    return bool(table.columns.keys() - {"t"} or table.beams) or table.scan is not None
 
 
 def planned(
@@ -105,7 +103,7 @@ def planned(
     stamped
         Whether the header's time counts, where there is one.
     frames
-        Say how the sensors sit where the table does not.
+        Say how the sensors sit where the table does not, and where the robot is by /tf.
 
     Raises
     ------
@@ -115,14 +113,22 @@ def planned(
     decode = bag.decoder(topic)
     first = bag.first(topic, decode)
     fields = Fields(str(bag.path), topic.name, first[0])
+    if topic.type in TRANSFORMS and not names_fields(table):
+        poses = frames.poses(topic, table.frames)
+        pose: dict[Role, str] = {"x": "", "y": "", "yaw": ""}
+        plain = replace(mapping, units=Units(), clockwise=False)
+        table = replace(table, columns={"t": "", **pose}, frames=None)
+        return Plan(topic, table, plain, decode, poses.rows, tuple(pose))
     named = names_fields(table)
     seat, ranges = None, _Ranges()
     if named:
         ranges = _named(fields, table, wanted)
     elif topic.type in POSES:
-        table = replace(table, columns={**table.columns, **POSES[topic.type]})
+        columns: dict[Role, str] = {**table.columns, **POSES[topic.type]}
+        table = replace(table, columns=columns)
     elif topic.type in LIMITS:
-        seat = Seat(table.mount) if table.mount is not None else None
+        at = table.mount
+        seat = None if at is None else Seat(at.angle_deg, at.x, at.y)
         seat = seat or frames.seat(frame_of(first[0]), single=topic.type == RANGE)
         ranges = (_scan if topic.type == SCAN else _finder)(fields, wanted, seat)
     else:
@@ -132,23 +138,24 @@ def planned(
             "itself, expected --topic TOPIC:ROLE=FIELD,...; it has the fields "
             f"{listed(names_of(first[0]))}",
         )
-    roles = [fields.number(path) for path in table.columns.values()]
     stamp = fields.stamp() if stamped and "t" not in table.columns else None
     unstamped = stamp is not None and not any(map(stamp, first))
     # The mapping's units are for fields that it names.
     units = mapping.units if named else Units()
     told = "t" in table.columns and not fields.is_time(table.columns["t"])
-    units = replace(units, time=mapping.units.time if told else "s")
+    mapping = replace(mapping, units=replace(units, time=mapping.units.time if told else "s"))
+    if not named:
+        mapping = replace(mapping, clockwise=False)
+    roles = [fields.number(path) for path in table.columns.values()]
     return Plan(
         topic,
         table,
-        replace(mapping, units=units),
+        mapping,
         decode,
-        _row(roles, ranges, seat),
+        _rows(roles, ranges, seat, None if unstamped else stamp),
         tuple(table.columns),
-        not named and bool(ranges.mounts),
-        tuple(ranges.mounts),
-        None if unstamped else stamp,
+        tuple(ranges.beams),
+        not named and bool(ranges.beams),
         unstamped,
         seat,
     )
@@ -165,17 +172,19 @@ def _scan(fields: Fields, wanted: Sequence[float], seat: Seat) -> _Ranges:
             raise RecordingError(fields.place, f"{problem}message, expected an angle in radians")
         layout.append((get, angle))
     (_, start), (_, step) = layout
-    mount, side = seat.mount, -1.0 if seat.flipped else 1.0
-    scan = Scan("ranges", mount.angle + side * start, side * step, None, mount.x, mount.y)
-    found = _list(fields, scan, wanted)
-    mounts = [replace(one, angle=math.remainder(one.angle, math.tau)) for one in found.mounts]
-    return replace(found, mounts=mounts, getters=_limits(fields, SCAN), layout=layout)
+    side = -1.0 if seat.flipped else 1.0
+    get = fields.numbers("ranges")
+    count = len(get(fields.message))
+    angles = [seat.angle + side * (start + index * step) for index in range(count)]
+    used = chosen(angles, wanted, step)
+    beams = [seat.beam(math.remainder(angles[index], math.tau)) for index in used]
+    return _Ranges(beams, _limits(fields, SCAN), get, used, count, layout)
 
 
 def _finder(fields: Fields, wanted: Sequence[float], seat: Seat) -> _Ranges:
     """Return what is taken of sensor_msgs/Range."""
-    mounts = [seat.mount for _ in chosen([seat.mount.angle], wanted)]
-    return _Ranges(mounts, [*_limits(fields, RANGE), fields.number("range")])
+    beams = [seat.beam(seat.angle) for _ in chosen([seat.angle], wanted)]
+    return _Ranges(beams, [*_limits(fields, RANGE), fields.number("range")])
 
 
 def _limits(fields: Fields, type_: str) -> list[Getter]:
@@ -186,20 +195,26 @@ def _named(fields: Fields, table: Table, wanted: Sequence[float]) -> _Ranges:
     """Return what is taken of the fields that a table names."""
     if table.scan is not None:
         return _list(fields, table.scan, wanted)
-    used = chosen([beam.mount.angle for beam in table.beams], wanted)
-    beams = [table.beams[index] for index in used]
-    return _Ranges([one.mount for one in beams], [fields.number(one.column) for one in beams])
+    beams = used_beams(table, wanted)
+    columns = [one.column for one in beams] + [one.servo for one in beams if one.servo]
+    return _Ranges(beams, [fields.number(column) for column in columns])
 
 
 def _list(fields: Fields, scan: Scan, wanted: Sequence[float]) -> _Ranges:
     get = fields.numbers(scan.column)
-    count = scan.count or len(get(fields.message))
-    used, mounts = of_scan(scan, count, wanted)
-    return _Ranges(mounts, (), get, used, count)
+    count = len(get(fields.message))
+    try:
+        used, beams = scan.beams(count, wanted)
+    except ValueError as error:
+        problem = f"topic {printable(fields.topic)}: {scan.column}, {error}"
+        raise RecordingError(fields.place, problem) from None
+    return _Ranges(beams, (), get, used, count)
 
 
-def _row(roles: Sequence[Getter], ranges: _Ranges, seat: Seat | None) -> Row:
-    """Return what makes a row of a message: roles, limits, ranges.
+def _rows(
+    roles: Sequence[Getter], ranges: _Ranges, seat: Seat | None, stamp: Getter | None
+) -> Rows:
+    """Return what makes a row of a message.
 
     Where the seat names a frame, messages of another are another sensor's.
     """
@@ -208,18 +223,33 @@ def _row(roles: Sequence[Getter], ranges: _Ranges, seat: Seat | None) -> Row:
     picked = np.array(ranges.used, dtype=np.intp)
     frame = None if seat is None else seat.frame
 
-    def row(message: object) -> list[float] | None:
+    def rows(message: Any, bag_time: float) -> list[list[float]] | None:
         if frame is not None and frame_of(message) != frame:
             return None
-        values: list[float] = [get(message) for get in getters]
+        values = [bag_time if stamp is None else stamp(message)]
+        values += [get(message) for get in getters]
         if get_list is not None:
-            listed: Any = get_list(message)
+            listed = get_list(message)
             if len(listed) != count:
                 return None
             for get, expected in layout:
                 if not abs(get(message) - expected) <= _SAME_ANGLE:
                     return None
-            values.extend(listed[picked].tolist())
-        return values
+            values += listed[picked].tolist()
+        return [values]
 
-    return row
+    return rows
+
+
+def judged(ranges: Floats, limits: Floats, type_: str) -> Floats:
+    """Return the readings of standard messages, 0 where one means nothing.
+
+    As REP 117 has it, +infinity says that nothing was in sight, and -infinity, NaN and whatever is
+    out of limits say nothing. A longest reading is the way of many drivers to say infinity.
+
+    ranges : (n, k) [m]. limits : shortest and longest (n, 2) [m].
+    """
+    low, high = limits[:, :1], limits[:, 1:]
+    beyond = (ranges > high) & ~np.isposinf(ranges) & (type_ != RANGE)
+    found: Floats = np.where((ranges >= low) & ~beyond, ranges, 0.0)
+    return found

@@ -13,9 +13,10 @@ from possmap.errors import RecordingError, did_you_mean, printable, shown
 from possmap.lab.convert.samples import Floats, Samples
 from possmap.lab.convert.tally import Tally
 from possmap.lab.recordings.join import Join
-from possmap.lab.recordings.mapping import Mapping, Table, fault_of
+from possmap.lab.recordings.mapping import Mapping, Table
 from possmap.lab.recordings.readings import Interpreter
-from possmap.lab.recordings.recording import CHUNK_ROWS, Recording
+from possmap.lab.recordings.recording import BRIDGED, CHUNK_ROWS, Handling, Recording, mounts_of
+from possmap.lab.recordings.roles import PLACES, said
 from possmap.lab.recordings.rosbag.bag import STUBBORN, Bag, Topic, opened, short, size_of
 from possmap.lab.recordings.rosbag.fields import (
     LIMITS,
@@ -24,10 +25,9 @@ from possmap.lab.recordings.rosbag.fields import (
     POSES,
     RANGE,
     SCAN,
-    judged,
 )
-from possmap.lab.recordings.rosbag.frames import UNREADABLE, Frames
-from possmap.lab.recordings.rosbag.plan import Plan, names_fields, planned
+from possmap.lab.recordings.rosbag.frames import TRANSFORMS, UNREADABLE, Frames, bare
+from possmap.lab.recordings.rosbag.plan import Plan, judged, names_fields, planned
 from possmap.lab.recordings.stream import Progress
 
 Clock: TypeAlias = Literal["header", "bag"]
@@ -41,7 +41,11 @@ _MOST_LISTED = 20
 
 
 def open_bag(
-    path: Path, wanted: Sequence[float], mapping: Mapping | None, clock: Clock = "header"
+    path: Path,
+    wanted: Sequence[float],
+    mapping: Mapping | None,
+    clock: Clock = "header",
+    handling: Handling = BRIDGED,
 ) -> Recording:
     """Open a ROS 1 bag, a file of a ROS 2 bag, or a ROS 2 bag's folder.
 
@@ -63,55 +67,55 @@ def open_bag(
     with opened(path) as bag:
         topics = bag.topics()
         if mapping is None:
-            mapping = Mapping("ros", _found(path, topics))
+            mapping = Mapping(format="ros", tables=_found(bag, topics))
         named = [_named(path, table, topics) for table in mapping.tables]
         _check_mounted(path, mapping.tables, named)
-        frames = Frames(bag, topics, _place_of(mapping.tables, named))
+        frames = _frames(bag, topics, mapping.tables, named)
         plans = [
             planned(bag, topic, table, mapping, wanted, clock == "header", frames)
             for topic, table in zip(named, mapping.tables, strict=True)
         ]
     _check_looking(path, plans)
     unreadable = frames.unreadable
-    fault = fault_of(tuple(plan.table for plan in plans), mapping.ticks, mapping.velocity_in_body)
+    fault = replace(mapping, tables=tuple(plan.table for plan in plans)).fault()
     if fault is not None:
         raise RecordingError(
             str(path),
             f"{fault}; the bag has {_listed(topics.values())}; "
             "name what is to be used, each with --topic TOPIC",
         )
-    used = [plan for plan in plans if plan.mounts or set(plan.roles) - {"t"}]
+    used = [plan for plan in plans if plan.beams or set(plan.roles) - {"t"}]
     whole = replace(mapping, tables=tuple(plan.table for plan in used))
     size = size_of(path)
+    widths, mounts = mounts_of([plan.beams for plan in used])
 
     def samples(tally: Tally, progress: Progress | None) -> Iterator[Samples]:
-        join = Join(str(path), whole, [len(plan.mounts) for plan in used], tally)
-        tally.add(UNREADABLE, f"{path} /tf_static", unreadable)
-        gatherers = [_Gatherer(path, plan, tally) for plan in used]
+        join = Join(str(path), whole, widths, tally)
+        tally.add(UNREADABLE, f"{path} /tf", unreadable)
+        gatherers = [_Gatherer(path, plan, tally, handling) for plan in used]
         total = max(1, sum({plan.topic.name: plan.topic.count for plan in used}.values()))
         told = 0
         with opened(path, again=True) as bag:
             for count in _gathered(bag, gatherers):
                 for number, gatherer in enumerate(gatherers):
                     gatherer.hand_to(join, number)
-                found = join.samples()
-                if found is not None:
-                    yield found
+                yield from join.samples()
                 if progress is not None:
                     now = min(size, size * count // total)
                     progress(now - told)
                     told = now
-        found = join.samples(last=True)
-        if found is not None:
-            yield found
+        for gatherer in gatherers:
+            gatherer.finish()
+        yield from join.samples(last=True)
 
-    return Recording(path.name, tuple(m for plan in used for m in plan.mounts), samples, size)
+    unused = [one for plan in used for one in plan.table.beams if one not in plan.beams]
+    return Recording(path.name, mounts, samples, size, tuple(one.angle for one in unused))
 
 
 class _Gatherer:
     """Takes rows of one table out of messages, until they are looked at together."""
 
-    def __init__(self, path: Path, plan: Plan, tally: Tally) -> None:
+    def __init__(self, path: Path, plan: Plan, tally: Tally, handling: Handling) -> None:
         self.plan = plan
         self.rows: list[list[float]] = []
         self._name = f"{path} {printable(plan.topic.name)}"
@@ -120,7 +124,8 @@ class _Gatherer:
         self._tally = tally
         for note in plan.seat.notes if plan.seat else ():
             tally.add(note, self._name)
-        self._told = Interpreter(self._name, plan.table, plan.mapping, tally)
+        self._told = Interpreter(self._name, plan.table, plan.mapping, plan.beams, tally, handling)
+        self.finish = self._told.finish
 
     def take(self, stamp: int, data: bytes) -> None:
         """Take in a message: the bag's time [ns], and its bytes.
@@ -146,15 +151,14 @@ class _Gatherer:
             return
         self._failed = 0
         try:
-            row = plan.row(message)
+            rows = plan.rows(message, stamp * 1e-9)
         except IndexError:  # a list may be shorter than in the first message
             self._skipped(_WITHOUT_FIELD)
             return
-        if row is None:
+        if rows is None:
             self._skipped(_OTHER_LAYOUT)
             return
-        t = stamp * 1e-9 if plan.stamp is None else plan.stamp(message)
-        self.rows.append([self._number, t, *row])
+        self.rows += [[self._number, *row] for row in rows]
 
     def hand_to(self, join: Join, table: int) -> None:
         """Give the rows gathered to a join, as the readings of its table."""
@@ -166,16 +170,16 @@ class _Gatherer:
         end = 2 + len(plan.roles)
         columns = dict(zip(plan.roles, block[:, 2:end].T, strict=True))
         columns.setdefault("t", block[:, 1])
-        ranges = None
-        if plan.mounts:
+        ranges = longest = None
+        if plan.beams:
             ranges = block[:, end + 2 * plan.limited :]
             if plan.limited:
                 limits = block[:, end : end + 2]
-                ranges = judged(ranges, limits, plan.topic.type, self._tally)
+                ranges, longest = judged(ranges, limits, plan.topic.type), limits[:, 1:]
         if plan.unstamped:
             first = f"{self._name}:{int(block[0, 0])}"
             self._tally.add(_UNSTAMPED, first, len(block))
-        join.feed(table, self._told.read(columns, ranges, block[:, 0]))
+        join.feed(table, self._told.read(columns, ranges, block[:, 0], longest))
 
     def _skipped(self, what: str) -> None:
         self._tally.add(what, f"{self._name}:{self._number}")
@@ -199,8 +203,9 @@ def _gathered(bag: Bag, gatherers: Sequence[_Gatherer]) -> Iterator[int]:
     yield count
 
 
-def _found(path: Path, topics: dict[str, Topic]) -> tuple[Table, ...]:
+def _found(bag: Bag, topics: dict[str, Topic]) -> tuple[Table, ...]:
     """Return tables of the standard topics that a bag has."""
+    path = bag.path
     by_type: dict[str, list[Topic]] = {}
     for topic in topics.values():
         if topic.count:
@@ -208,11 +213,19 @@ def _found(path: Path, topics: dict[str, Topic]) -> tuple[Table, ...]:
     places = by_type.get(ODOMETRY) or by_type.get(POSE) or []
     scans, finders = by_type.get(SCAN, []), by_type.get(RANGE, [])
     if not places:
+        advice = "say where the place is with --topic TOPIC:x=FIELD,y=FIELD"
+        moving = [one for type_ in TRANSFORMS for one in by_type.get(type_, [])]
+        frames = Frames(bag, moving, None).choices()
+        if frames:
+            options = [f"{moving[-1].name}:{frames[0]}", *(one.name for one in (*scans, *finders))]
+            advice = (
+                f"the place may stand in its transforms, which move {', '.join(frames[:5])}: "
+                + " ".join(f"--topic {printable(one)}" for one in options)
+            )
         raise RecordingError(
             str(path),
             f"no topic of {short(ODOMETRY)} or {short(POSE)}; the bag has "
-            f"{_listed(topics.values())}; say where the place is with "
-            "--topic TOPIC:x=FIELD,y=FIELD",
+            f"{_listed(topics.values())}; {advice}",
         )
     for several in (places, scans):
         if len(several) > 1:
@@ -221,7 +234,7 @@ def _found(path: Path, topics: dict[str, Topic]) -> tuple[Table, ...]:
                 f"{len(several)} topics of {short(several[0].type)}, {_listed(several)}, expected "
                 "one; name what is to be used, place and ranges, each with --topic TOPIC",
             )
-    return tuple(Table(topic.name) for topic in (*places, *scans, *finders))
+    return tuple(Table(topic=topic.name) for topic in (*places, *scans, *finders))
 
 
 def _named(path: Path, table: Table, topics: dict[str, Topic]) -> Topic:
@@ -262,12 +275,17 @@ def _check_looking(path: Path, plans: Sequence[Plan]) -> None:
         )
 
 
-def _place_of(tables: Iterable[Table], topics: Iterable[Topic]) -> Topic | None:
-    """Return the topic with the robot's place."""
-    for table, topic in zip(tables, topics, strict=True):
-        if table.gives_place or (topic.type in POSES and not names_fields(table)):
-            return topic
-    return None
+def _frames(
+    bag: Bag, topics: dict[str, Topic], tables: Sequence[Table], named: Sequence[Topic]
+) -> Frames:
+    """Return the bag's frames, with the topic that has the robot's place."""
+    for table, topic in zip(tables, named, strict=True):
+        if said(PLACES, table.columns) or (topic.type in POSES and not names_fields(table)):
+            return Frames(bag, list(topics.values()), topic)
+        if table.frames is not None:
+            body = bare(table.frames.partition(".")[2])
+            return Frames(bag, list(topics.values()), None, body)
+    return Frames(bag, list(topics.values()), None)
 
 
 def _listed(topics: Iterable[Topic]) -> str:

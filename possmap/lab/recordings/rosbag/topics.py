@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from typing import Any
 
 from possmap.errors import SettingsError, did_you_mean, shown
-from possmap.lab.convert.samples import Mount
-from possmap.lab.recordings.mapping import ROLES, Beam, Mapping, Table
+from possmap.lab.recordings.mapping import Beam, Mapping, SeatedAt, Table
+from possmap.lab.recordings.roles import ROLES
 
 MOUNT = ("angle", "at_x", "at_y")
 """The roles that say how the sensor of a standard topic of ranges sits on the robot."""
 
 _RANGE = "range"
+_FRAMES = r"[^=,.@]+\.[^=,.@]+"
 _FIELD = re.compile(r"[A-Za-z]\w*(\[\d{1,9}\])*(\.[A-Za-z]\w*(\[\d{1,9}\])*)*", re.ASCII)
 
 
@@ -22,7 +24,8 @@ def table_of(option: str) -> Table:
 
     Roles are those of a mapping, ``range@DEGREES`` for a beam, left positive. ``angle=DEGREES``,
     ``at_x=METRES`` and ``at_y=METRES`` say how the sensor of a standard topic of ranges sits; those
-    not given are 0. Without roles, the topic's type says what it means.
+    not given are 0. ``/tf:odom.base_link`` is where a frame stands in another. Without roles, the
+    topic's type says what it means.
 
     Raises
     ------
@@ -34,7 +37,9 @@ def table_of(option: str) -> Table:
         raise SettingsError(
             f"--topic: found {shown(option)}, expected TOPIC or TOPIC:ROLE=FIELD,ROLE=FIELD"
         )
-    columns: dict[str, str] = {}
+    if re.fullmatch(_FRAMES, rest):
+        return Table(topic=topic.strip(), frames=rest)
+    columns: dict[Any, str] = {}
     beams: list[Beam] = []
     seat: dict[str, float] = {}
     seen: set[str] = set()
@@ -47,7 +52,7 @@ def table_of(option: str) -> Table:
         seen.add(role)
         name, at, degrees = role.partition("@")
         if at and name == _RANGE:
-            beams.append(Beam(_field(role, value), Mount(_radians(role, degrees))))
+            beams.append(Beam(column=_field(role, value), angle_deg=_radians(role, degrees)))
         elif role in MOUNT:
             seat[role] = (_radians if role == "angle" else _metres)(role, value)
         elif role in ROLES:
@@ -63,8 +68,9 @@ def table_of(option: str) -> Table:
             f"--topic: found {next(iter(seat))} beside other roles, expected {', '.join(MOUNT)} "
             "alone, as a standard topic of ranges has nothing else"
         )
-    mount = Mount(*(seat.get(role, 0.0) for role in MOUNT)) if seat else None
-    return Table(topic.strip(), columns, tuple(beams), mount=mount)
+    angle, x, y = (seat.get(role, 0.0) for role in MOUNT)
+    mount = SeatedAt(angle_deg=angle, x=x, y=y) if seat else None
+    return Table(topic=topic.strip(), columns=columns, beams=tuple(beams), mount=mount)
 
 
 def _field(role: str, value: str) -> str:

@@ -1,39 +1,11 @@
-"""Which numbers of a recording mean something: ranges that are none, clocks and poses that jump."""
+"""Steps that the velocity belies, replaced by what it says: some estimators jump."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from possmap.lab.convert.samples import Flags, Floats
+from possmap.lab.convert.samples import Floats
 from possmap.lab.convert.tally import Tally
-from possmap.lab.recordings.mapping import Mapping
-
-
-def readable(ranges: Floats, mapping: Mapping, tally: Tally) -> Floats:
-    """Return readings in metres, NaN where there is none, infinity where nothing was in sight."""
-    metres = ranges * mapping.worth("range")
-    no_echo, none = mapping.nothing, mapping.invalid
-    nothing = (metres > no_echo.above) | np.isposinf(metres) | np.isin(ranges, no_echo.values)
-    missing = np.isnan(metres)  # no reading is no fault: not every row has one of every beam
-    invalid = (metres > none.above) | (metres <= none.below)
-    invalid |= np.isin(ranges, none.values)
-    invalid &= ~nothing & ~missing
-    tally.add("readings that mean nothing, dropped", count=int(invalid.sum()))
-    return np.where(nothing, np.inf, np.where(invalid, np.nan, metres))
-
-
-def spikes(t: Floats) -> Flags:
-    """Return which times are later than those of all the next three rows, which go on as before.
-
-    One stamp far in the future must not put every row behind it into the past.
-    """
-    found = np.zeros(len(t), dtype=np.bool_)
-    if len(t) > 4:
-        following = np.stack([t[2:-2], t[3:-1], t[4:]])
-        with np.errstate(invalid="ignore"):
-            found[1:-3] = (t[1:-3] > following.max(axis=0)) & (following.min(axis=0) >= t[:-4])
-    return found
-
 
 LONGEST_S = 1.0
 """A velocity says nothing of a step that took longer [s]: the robot was not heard meanwhile."""
