@@ -8,6 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from possmap.core.model import ErrorModel
+from possmap.core.settings import Estimator
+from possmap.lab.calibrate import held_out
 from possmap.lab.calibrate.trials import Trial
 
 FACTOR = 2.2365
@@ -81,3 +84,8 @@ def _trials(
                 off + drift * distance if heading or not distance else math.nan,
                 place=f"{robot}.csv:{2 + time * len(plan) + number}",
             )
+
+
+def hold(some: list[Trial], model: ErrorModel, estimator: Estimator) -> held_out.HeldTrials:
+    """Hold trials against one model."""
+    return held_out.hold(some, [(None, model)], estimator)

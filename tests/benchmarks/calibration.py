@@ -15,10 +15,9 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from calibrated import PAPER, SPINS, Faults, trials
+from calibrated import PAPER, SPINS, Faults, hold, trials
 
 from possmap.lab.calibrate.estimates import estimates
-from possmap.lab.calibrate.held_out import held as hold
 from possmap.lab.calibrate.model import fit_model
 
 REPETITIONS = 200

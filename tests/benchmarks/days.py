@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from possmap.core.model import ErrorModel
-from possmap.lab.calibrate.held_out import held
+from possmap.lab.calibrate.held_out import hold
 from possmap.lab.calibrate.recordings import RecordingsRequest, of_recordings
 from possmap.lab.calibrate.robots import Unusable, calibrate_robot
 from possmap.lab.calibrate.trials import Trial
@@ -42,7 +42,7 @@ def main(root: Path) -> None:
                     continue
                 model = ErrorModel(**found.parameters)
                 for k in set(range(len(several))) - set(some):
-                    score = held(several[k], model, "heading").score
+                    score = hold(several[k], [(None, model)], "heading").score
                     ends.append(score.coverage)
                     headings.append(score.heading_coverage)
             told = (f"{np.median(one):.0%}, {np.mean(one):.0%}" for one in (ends, headings))

@@ -7,11 +7,10 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from calibrated import FACTOR, PAPER, SPINS, Faults, trials
+from calibrated import FACTOR, PAPER, SPINS, Faults, hold, trials
 
 from possmap.lab.calibrate.estimates import estimates
 from possmap.lab.calibrate.heading import TERMS
-from possmap.lab.calibrate.held_out import held as hold
 from possmap.lab.calibrate.model import fit_model, limit_factor, rectangle_factor
 
 pytestmark = pytest.mark.thorough

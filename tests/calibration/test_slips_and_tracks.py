@@ -7,17 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from calibrated import PAPER, SPINS, Faults, trials
+from calibrated import PAPER, SPINS, Faults, hold, trials
 
 from possmap.core.model import ErrorModel
 from possmap.lab.calibrate.assumptions import variance_ratio
 from possmap.lab.calibrate.cutting import TrueTrack, cut
 from possmap.lab.calibrate.estimates import for_tracks, is_clear
-from possmap.lab.calibrate.held_out import held as hold
 from possmap.lab.calibrate.model import chord_share, fit_model
-from possmap.lab.calibrate.odd import notes
+from possmap.lab.calibrate.odd import notes, without_slips
 from possmap.lab.calibrate.robots import Unusable, calibrate_robot
-from possmap.lab.calibrate.slips import without_slips
 from possmap.lab.calibrate.trials import Floats, Trial
 from possmap.lab.calibrate.trials_file import repeated
 from possmap.lab.calibrate.words import findings

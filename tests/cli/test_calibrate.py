@@ -339,17 +339,24 @@ def test_a_late_truth_is_found_said_and_taken_out(tmp_path: Path) -> None:
     assert float(models[2]) > 5 * float(models[1])
 
 
-def test_a_truth_in_millimetres_is_asked_about(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("way", "angle", "words"),
+    [
+        (1000, 1, "times as far as the odometry: is the truth in millimetres? expected metres"),
+        (0.001, 1, "times as far as the odometry: is the odometry in millimetres?"),
+        (1, 57.29578, "is one of the headings in degrees, or clockwise?"),
+        (1, -1, "turns are not those of the odometry (correlation -1.00)"),
+    ],
+)
+def test_a_truth_of_other_units_is_asked_about(
+    tmp_path: Path, way: float, angle: float, words: str
+) -> None:
     head, *rows = (ROOT / "data/recordings/hall-truth.csv").read_text().splitlines()
-    own = [row.split(",") for row in rows]
-    (tmp_path / "mm.csv").write_text(
-        "\n".join([head, *(f"{t},{1000 * float(x)},{1000 * float(y)},{a}" for t, x, y, a in own)])
-    )
-    result = calibrate(*hall(tmp_path / "mm.csv"), "-o", tmp_path / "model.yaml")
-    assert (
-        result.exit_code == 1
-        and "times as far as the odometry: is the truth in millimetres?" in (result.stderr)
-    )
+    own = [[float(value) for value in row.split(",")] for row in rows]
+    odd = [f"{t},{way * x},{way * y},{angle * yaw}" for t, x, y, yaw in own]
+    (tmp_path / "odd.csv").write_text("\n".join([head, *odd]) + "\n")
+    result = calibrate(*hall(tmp_path / "odd.csv"), "-o", tmp_path / "model.yaml")
+    assert result.exit_code == 1 and words in result.stderr
 
 
 def test_trials_are_left_out_by_their_place(tmp_path: Path) -> None:

@@ -37,8 +37,8 @@ one time in twenty."""
 Errors = tuple[float, float, float]
 """Of x, y [m] and heading [deg]; or half-widths."""
 
-Modelled = tuple[Sequence[int], ErrorModel]
-"""Which trials a model is held against."""
+Modelled = tuple[Sequence[int] | None, ErrorModel]
+"""Which trials a model is held against (None: all), and the model."""
 
 
 class Score(NamedTuple):
@@ -78,14 +78,13 @@ class HeldTrials:
     @property
     def score(self) -> Score:
         """All of them summed up."""
-        ends, headings = self.inside(0, 1), self.inside(2)
-        runs, told = ~np.isnan(ends), ~np.isnan(headings)
-        size = np.sqrt(self.half[runs, 0] * self.half[runs, 1])
+        ends, headings = (one[~np.isnan(one)] for one in (self.inside(0, 1), self.inside(2)))
+        wide = np.sqrt(self.half[:, 0] * self.half[:, 1])
+        size, half = (float(_means(one, axis=0)) for one in (wide, self.half[:, 2]))
+        nan = math.nan
         return Score(
-            *(float(ends[runs].mean()) if runs.any() else math.nan, int(runs.sum())),
-            float(size.mean()) if runs.any() else math.nan,
-            *(float(headings[told].mean()) if told.any() else math.nan, int(told.sum())),
-            float(self.half[told, 2].mean()) if told.any() else math.nan,
+            *(float(ends.mean()), len(ends), size) if len(ends) else (nan, 0, nan),
+            *(float(headings.mean()), len(headings), half) if len(headings) else (nan, 0, nan),
         )
 
     def winkler(self, unit: Floats) -> Floats:
@@ -105,14 +104,9 @@ def hold(trials: Sequence[Trial], models: Sequence[Modelled], estimator: Estimat
     """Hold trials against the rectangles that models give their ends."""
     both = np.full((len(trials), 2, 3), np.nan)
     for which, model in models:
-        for k in which:
+        for k in range(len(trials)) if which is None else which:
             both[k] = _held_trial(trials[k], model, estimator)
     return HeldTrials(both[:, 0], both[:, 1])
-
-
-def held(trials: Sequence[Trial], model: ErrorModel, estimator: Estimator) -> HeldTrials:
-    """Hold trials against one model."""
-    return hold(trials, [(range(len(trials)), model)], estimator)
 
 
 def _held_trial(trial: Trial, model: ErrorModel, estimator: Estimator) -> tuple[Errors, Errors]:

@@ -20,15 +20,18 @@ JUMP_M, JUMP_DEG, JUMP_DEVIATIONS = 0.2, 15.0, 10.0
 """From one sample to the next, truth and odometry never part by more than this, and by so many
 robust deviations of all steps, unless one of the two jumps."""
 
-MOST_LAG_S, LEAST_S, SURELY, BETTER = 10.0, 20.0, 0.5, 0.05
+MOST_LAG_S, LEAST_S, SURELY, BETTER = 30.0, 20.0, 0.5, 0.05
 """How late a truth is looked for, in a recording of so many seconds; and how well, and how much
 better than without a lag, speeds must then go together for it to be one."""
 
+MOST_STEPS = 20_000
+"""Into which a long recording is laid out to look for a lag."""
+
 UNITS = {1000.0: ("mm", "millimetres"), 100.0: ("cm", "centimetres"), 39.37: ("in", "inches"),
          3.281: ("ft", "feet")}  # fmt: skip
-LIKE, ODD_TURNS, LEAST_MOVED = 2.0, 5.0, 0.3
-"""Truth and odometry that differ by more, in ways or in turns, are of different units; where the
-odometry moved so far [m, rad] at least."""
+LIKE, UNLIKE, LEAST_MOVED = 2.0, 0.5, 0.3
+"""Truth and odometry whose ways differ so many times, or whose turns go together so badly, are of
+different units; where the odometry moved so far [m, rad] at least."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,15 +94,16 @@ def paired(samples: Samples, true: Reference, lag: float | None, path: str) -> P
 def lag_of(samples: Samples, true: Reference) -> float:
     """Return by how much the truth is late [s]: where speeds and turn rates go together best.
 
-    0 where that is no clear matter, or less than a step and a half of the coarser of the two.
+    0 where that is no clear matter, or a matter of single steps.
     """
     if min(len(samples), len(true.t)) < 10:
         return 0.0
-    step = max(float(np.median(np.diff(np.unique(one)))) for one in (samples.t, true.t))
+    steps = [float(np.median(np.diff(np.unique(one)))) for one in (samples.t, true.t)]
     start, stop = max(samples.t[0], true.t[0]), min(samples.t[-1], true.t[-1])
-    most = int(min(MOST_LAG_S, (stop - start) / 4) / step) if step > 0 else 0
-    if most < 2 or stop - start < LEAST_S or (stop - start) / step > 1e6:
+    step = max(min(steps), (stop - start) / MOST_STEPS)
+    if stop - start < LEAST_S or step > LEAST_S / 10:
         return 0.0
+    most = int(min(MOST_LAG_S, (stop - start) / 4) / step)
     at = np.arange(start, stop, step)
     logged, there = (_rates(at, one.t, one.x, one.y, one.yaw) for one in (samples, true))
     scores = np.array([_together(logged, there, k) for k in range(-most, most + 1)])
@@ -109,7 +113,7 @@ def lag_of(samples: Samples, true: Reference) -> float:
     left, middle, right = scores[best - 1 : best + 2]
     top = 0.5 * (left - right) / min(left - 2 * middle + right, -1e-12)  # of a parabola
     lag = float(step * (best - most + top))
-    return lag if abs(lag) > 1.5 * step else 0.0
+    return lag if abs(lag) > max(1.5 * step, max(steps) / 2) else 0.0
 
 
 def _rates(at: Floats, t: Floats, x: Floats, y: Floats, yaw: Floats) -> Floats:
@@ -146,13 +150,18 @@ def _refuse_units(logged: Samples, true: Samples, known: Flags, path: str) -> No
             f"the truth goes {far:.3g} times as far as the odometry: is the {which} in {name}? "
             f"expected metres in both; a mapping says units: {{length: {unit}}}",
         )
-    turns = [np.abs(one.yaw[step:] - one.yaw[:-step]) for one in (logged, true)]
-    turned = _ratio(turns, both)
-    if not 1 / ODD_TURNS < turned < ODD_TURNS:
+    turns = [(one.yaw[step:] - one.yaw[:-step])[both] for one in (logged, true)]
+    if not len(turns[0]) or np.abs(turns[0]).max() < LEAST_MOVED:
+        return
+    like = (
+        float(np.corrcoef(turns[0], turns[1])[0, 1]) if min(one.std() for one in turns) > 0 else 1.0
+    )
+    if like < UNLIKE:
         raise RecordingError(
             path,
-            f"the truth turns {turned:.3g} times as far as the odometry: is one of the headings in "
-            "degrees? expected radians in both; a mapping says units: {angle: deg}",
+            f"the truth's turns are not those of the odometry (correlation {like:.2f}): is one of "
+            "the headings in degrees, or clockwise? expected radians, anticlockwise, in both; a "
+            "mapping says units: {angle: deg}",
         )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 from PIL import Image, ImageDraw
@@ -12,13 +12,14 @@ from possmap.lab.calibrate.heading import LEAST
 from possmap.lab.calibrate.model import JOINT, directions, lengths, rectangle_factor
 from possmap.lab.calibrate.odd import notes
 from possmap.lab.calibrate.robots import Calibration, RobotResult
-from possmap.lab.calibrate.trials import Floats, TrialTable
+from possmap.lab.calibrate.trials import UNIT_TURN_DEG, Floats, TrialTable
 from possmap.lab.calibrate.words import findings, plain
 from possmap.pictures import palettes
-from possmap.pictures.charts import Axis, Chart, Point, Series
+from possmap.pictures.charts import Axis, Chart, Mark, Series
 from possmap.pictures.palettes import Colour
 from possmap.pictures.text import LARGE, LINE, NORMAL, SMALL, fitted, width, write
 
+BLACK: Colour = (0, 0, 0)
 BLUE: Colour = (0, 114, 178)
 ORANGE: Colour = (230, 159, 0)
 VERMILION: Colour = (213, 94, 0)
@@ -100,8 +101,7 @@ def _wrapped(text: str) -> Iterator[str]:
 
 def _left(one: RobotResult) -> tuple[Floats, Floats, Floats]:
     """Return distance [m], and what is left along and across [m per m], of each run."""
-    table = TrialTable.of(one.trials)
-    fit = one.fit
+    table, fit = TrialTable.of(one.trials), one.fit
     if fit.heading.runs < LEAST:
         return np.empty(0), np.empty(0), np.empty(0)
     along = lengths(table, fit.heading.effect("drift")) / fit.scale - 1
@@ -109,59 +109,58 @@ def _left(one: RobotResult) -> tuple[Floats, Floats, Floats]:
     return table.distance[table.run], along, np.tan(np.radians(off))
 
 
-def _dots(x: Floats, y: Floats) -> list[Point]:
+def _dots(name: str, x: Floats, y: Floats, colour: Colour = BLUE, mark: Mark = "disc") -> Series:
     step = max(1, len(x) // _MOST_DOTS)
-    return list(zip(x[::step].tolist(), y[::step].tolist(), strict=True))
+    points = list(zip(x[::step].tolist(), y[::step].tolist(), strict=True))
+    return Series(name, points, colour, mark, False, radii=[3.0] * len(points), alpha=130)
+
+
+def _line(name: str, points: Floats, colour: Colour = BLACK, dash: int = 0) -> Series:
+    """Return a curve through points, shape (2, n)."""
+    return Series(name, list(zip(*points.tolist(), strict=True)), colour, "none", dash=dash)
 
 
 def _scatter(one: RobotResult) -> Chart:
     _, along, across = _left(one)
     along, across = 100 * along, 100 * across
     series: list[Series] = []
-    wide = high = 1.0
+    reach = [1.0, 1.0]
     if len(along) >= LEAST:
-        factor = rectangle_factor(len(along))
-        half_x, half_y = factor * float(across.std(ddof=1)), factor * float(along.std(ddof=1))
-        corners = [(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]
-        box = [(half_x * sx, half_y * sy) for sx, sy in corners]
-        ellipse = _ellipse(across, along)
-        wide = _reach(across, max(half_x, *(abs(x) for x, _ in ellipse)))
-        high = _reach(along, max(half_y, *(abs(y) for _, y in ellipse)))
-        dots = _dots(across, along)
+        corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]).T
+        half = rectangle_factor(len(along)) * np.array([across.std(ddof=1), along.std(ddof=1)])
+        box, ellipse = half[:, None] * corners, _ellipse(across, along)
         series = [
-            Series("run", dots, BLUE, "disc", False, radii=[3.0] * len(dots), alpha=130),
-            Series("rectangle for a new run", box, VERMILION, "none"),
-            Series("ellipse", ellipse, (0, 0, 0), "none", dash=4),
+            _dots("run", across, along),
+            _line("rectangle for a new run", box, VERMILION),
+            _line("ellipse", ellipse, dash=4),
         ]
+        outline = np.maximum(half, np.abs(ellipse).max(axis=1)).tolist()
+        for k, values in enumerate((across, along)):  # what lies far outside is drawn at the end
+            farthest = max(outline[k], float(np.abs(values).max()))
+            reach[k] = min(2.5 * outline[k], 1.15 * farthest)
     return Chart(
         f"ends of runs, what is known taken out, and where {JOINT:.0%} of new ones lie",
-        Axis("across [cm per m run], left is positive", -wide, wide),
-        Axis("along [cm per m run]", -high, high),
+        Axis("across [cm per m run], left is positive", -reach[0], reach[0]),
+        Axis("along [cm per m run]", -reach[1], reach[1]),
         series,
         empty="too few runs",
     )
 
 
-def _reach(values: Floats, outline: float) -> float:
-    """Return how far an axis goes: what lies far outside is drawn at its end."""
-    return min(2.5 * outline, 1.15 * max(outline, float(np.abs(values).max())))
-
-
-def _ellipse(x: Floats, y: Floats) -> list[Point]:
+def _ellipse(x: Floats, y: Floats) -> Floats:
     """Return the ellipse that holds 95 % of new runs, if errors are normal (Hotelling's T²)."""
     from scipy import stats
 
     count = len(x)
-    covariance = np.cov(x, y)
-    values, axes = np.linalg.eigh(covariance)
+    values, axes = np.linalg.eigh(np.cov(x, y))
     # Of few trials none is honest: it would be endless.
     df = max(1, count - 2)
     square = 2 * (count - 1) * (count + 1) / (count * df) * float(stats.f.ppf(JOINT, 2, df))
     angles = np.linspace(0, 2 * math.pi, _CIRCLE)
     circle = np.stack([np.cos(angles), np.sin(angles)])
-    points = axes @ (np.sqrt(np.maximum(values, 0) * square)[:, None] * circle)
-    middle = np.array([[x.mean()], [y.mean()]])
-    return [(float(px), float(py)) for px, py in (points + middle).T]
+    found: Floats = axes @ (np.sqrt(np.maximum(values, 0) * square)[:, None] * circle)
+    found += np.array([[x.mean()], [y.mean()]])
+    return found
 
 
 def _growth(one: RobotResult) -> Chart:
@@ -169,22 +168,16 @@ def _growth(one: RobotResult) -> Chart:
     series: list[Series] = []
     far = high = 1.0
     if len(distance) >= LEAST:
-        factor = rectangle_factor(len(distance))
-        far = 1.08 * float(distance.max())
-        highest = 0.0
-        for name, values, colour, mark, dash in (
+        ends = np.array([0.0, 1.08 * float(distance.max())])
+        kinds: tuple[tuple[str, Floats, Colour, Mark, int], ...] = (
             ("across", across, BLUE, "disc", 0), ("along", along, ORANGE, "square", 6),
-        ):  # fmt: skip
-            errors = np.abs(values) * distance
-            slope = factor * float(values.std(ddof=1))
-            highest = max(highest, float(errors.max()), slope * far)
-            dots = _dots(distance, errors)
-            series.append(
-                Series(name, dots, colour, mark, False, radii=[3.0] * len(dots), alpha=140)  # type: ignore[arg-type]
-            )
-            line = [(0.0, 0.0), (far, slope * far)]
-            series.append(Series(f"half-width {name}", line, colour, "none", dash=dash))
-        high = 1.1 * highest
+        )  # fmt: skip
+        for name, own, colour, mark, dash in kinds:
+            slope = rectangle_factor(len(distance)) * float(own.std(ddof=1))
+            series.append(_dots(name, distance, np.abs(own) * distance, colour, mark))
+            series.append(_line(f"half-width {name}", np.stack([ends, slope * ends]), colour, dash))
+        far = float(ends[1])
+        high = 1.1 * max(y for one_series in series for _, y in one_series.points)
     return Chart(
         "error against distance: in proportion?",
         Axis("distance run [m]", 0, far),
@@ -195,30 +188,25 @@ def _growth(one: RobotResult) -> Chart:
 
 
 def _turns(one: RobotResult) -> Chart:
-    fit = one.fit.heading
-    table = TrialTable.of(one.trials)
-    turning = np.array([trial.is_turn for trial in one.trials], dtype=np.bool_)
-    turn = table.turn_told
+    fit, table = one.fit.heading, TrialTable.of(one.trials)
     errors = table.angle - fit.effect("drift") * table.reach
-    which = turning & ~np.isnan(errors)
+    which = table.turns & ~np.isnan(errors)
+    turn, errors = table.turn_told[which], errors[which]
     series: list[Series] = []
     wide = high = 1.0
-    if fit.turns >= LEAST and which.any():
-        wide = 1.1 * float(np.abs(turn[which]).max())
+    if fit.turns >= LEAST and len(turn):
+        wide = 1.1 * float(np.abs(turn).max())
         at = np.linspace(-wide, wide, 81)
-        parts = np.abs(at) / 45
-        known = fit.known(parts, at, np.zeros_like(at))
-        spread = np.sqrt(fit.spread(bool(table.distance[which].any()), parts, np.zeros_like(at)))
+        parts, still = np.abs(at) / UNIT_TURN_DEG, np.zeros_like(at)
+        known = fit.known(parts, at, still)
+        spread = np.sqrt(fit.spread(bool(table.distance[which].any()), parts, still))
         half = rectangle_factor(max(LEAST, fit.turns)) * spread
-        high = 1.1 * max(
-            float(np.abs(errors[which]).max()), float(np.abs(known).max() + half.max())
-        )
-        dots = _dots(turn[which], errors[which])
+        high = 1.1 * float(max(np.abs(errors).max(), np.abs(known).max() + half.max()))
         series = [
-            Series("trial", dots, BLUE, "disc", False, radii=[3.0] * len(dots), alpha=130),
-            Series("known part", _line(at, known), VERMILION, "none"),
-            Series("half-width about it", _line(at, known + half), (0, 0, 0), "none", dash=4),
-            Series("", _line(at, known - half), (0, 0, 0), "none", dash=4),
+            _dots("trial", turn, errors),
+            _line("known part", np.stack([at, known]), VERMILION),
+            _line("half-width about it", np.stack([at, known + half]), dash=4),
+            _line("", np.stack([at, known - half]), dash=4),
         ]
     return Chart(
         "heading error against turn: always to one side?",
@@ -227,7 +215,3 @@ def _turns(one: RobotResult) -> Chart:
         series,
         empty="too few turns",
     )
-
-
-def _line(x: Floats, y: Floats) -> Sequence[Point]:
-    return list(zip(x.tolist(), y.tolist(), strict=True))

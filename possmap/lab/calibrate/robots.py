@@ -34,11 +34,8 @@ from possmap.lab.calibrate.held_out import (
     left_out,
 )
 from possmap.lab.calibrate.model import Fit, directions, fit_model, lengths
-from possmap.lab.calibrate.slips import without_slips
-from possmap.lab.calibrate.trials import Trial, TrialTable
-
-FEW = 20
-"""The paper's number of trials of a manoeuvre; with fewer the result says how much is open."""
+from possmap.lab.calibrate.odd import without_slips
+from possmap.lab.calibrate.trials import FEW, Trial, TrialTable
 
 HALF_CIRCLE_DEG = 180.0
 

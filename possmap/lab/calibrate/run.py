@@ -16,12 +16,12 @@ from possmap.errors import MissingExtra, OutputError, PossmapError, SettingsErro
 from possmap.lab.calibrate.cutting import TrueTrack, cut, turned
 from possmap.lab.calibrate.estimates import for_tracks
 from possmap.lab.calibrate.heading import TERMS
-from possmap.lab.calibrate.held_out import Errors, LegScore, Score, held, held_legs
+from possmap.lab.calibrate.held_out import Errors, LegScore, Score, held_legs, hold
 from possmap.lab.calibrate.inputs import TRUTH, Material, add_simulation, add_tables
 from possmap.lab.calibrate.model import fit_model
+from possmap.lab.calibrate.odd import without_slips
 from possmap.lab.calibrate.recordings import RecordingsRequest, of_recordings
 from possmap.lab.calibrate.robots import Calibration, RobotResult, calibrate
-from possmap.lab.calibrate.slips import without_slips
 from possmap.lab.convert.request import models_of
 from possmap.release import version
 from possmap.settings.settings_yaml import model_yaml
@@ -151,7 +151,7 @@ def check_files(
         legs = held_legs(
             tracks, request.lengths, request.start_error, material.mounts.get(robot, 0.0)
         )
-        heading, linear = (held(trials, own, one).score for one in ("heading", "linear"))
+        heading, linear = (hold(trials, [(None, own)], one).score for one in ("heading", "linear"))
         found.append(Judgement(robot, heading, linear, tuple(legs)))
     return found, material.notes
 

@@ -19,6 +19,9 @@ UNIT_TURN_DEG = 45.0
 LEAST_RUN_M = 0.2
 """A shorter run says nothing of a direction: a millimetre would be a third of a degree."""
 
+FEW = 20
+"""The paper's number of trials of a manoeuvre; with fewer the result says how much is open."""
+
 LEAST_TURN_DEG = 9.0
 """A smaller turn is none that anyone asked for."""
 

@@ -36,9 +36,8 @@ def plain(result: RobotResult) -> str:
         words.append(f"turns {abs(gain):.2g}° too {'far' if gain > 0 else 'little'} per 45°")
     scale = own.get("scale", 1.0)
     if scale != 1:
-        words.append(
-            f"runs {abs(scale - 1):.1%} {'farther' if scale > 1 else 'less far'} than it says"
-        )
+        less = "farther" if scale > 1 else "less far"
+        words.append(f"runs {100 * abs(scale - 1):.2g} % {less} than it says")
     before = "with that taken out, " if words else ""
     words = words or ["errs to no side that would show"]
     if "across" in own:
