@@ -5,9 +5,8 @@ Both are weights of evidence for a wall and against it, which add up over excurs
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from possmap.core.evidence import Layer
 from possmap.core.fusion import denial_table, stamp_layer
-from possmap.core.lattice import TILE, Window, tile_window
+from possmap.core.lattice import TILE, TileKey, Window, tile_window
 from possmap.core.patches import Crop, Patch, extent_of, spread
 from possmap.core.plan import ExcursionPlan, TileWork, by_tile
 from possmap.core.pyramid import Floats, Ints
@@ -163,12 +162,12 @@ class TileSides:
     """
 
     def __init__(
-        self, work: TileWork, first_groups: Ints, within: Window, settings: EvidenceSettings
+        self, works: Mapping[int, TileWork], within: Window, settings: EvidenceSettings
     ) -> None:
-        self.window = _touched(work.segments, settings.resolution).intersection(within)
-        self._works = dict(_apart(work, first_groups))
-        self.numbers = list(self._works)
-        self._settings = settings
+        self._works, self._settings = works, settings
+        segments = np.concatenate([work.segments for work in works.values()])
+        self.window = _touched(segments, settings.resolution).intersection(within)
+        self.numbers = list(works)
         self._kept: dict[int, Patch] = {}
         self._room = _MOST_KEPT
 
@@ -239,7 +238,7 @@ def _touched(segments: Floats, resolution: float) -> Window:
 def sides_by_tile(
     plans: Sequence[ExcursionPlan], settings: EvidenceSettings, within: Window | None
 ) -> tuple[int, Iterator[TileSides]]:
-    """Return how many tiles excursions touch at most, and what they say there, by place.
+    """Return how many tiles excursions touch, and what they say there, by place.
 
     Parameters
     ----------
@@ -248,35 +247,13 @@ def sides_by_tile(
     within
         Tiles and cells beyond are left out.
     """
-    first_groups = np.cumsum([0, *(plan.groups for plan in plans)])[:-1]
-    count, works = by_tile(plans)
-
-    def tiles() -> Iterator[TileSides]:
-        for work in works:
-            cells = tile_window(work.key)
-            if within is not None:
-                cells = cells.intersection(within)
-            if cells.cells:
-                yield TileSides(work, first_groups, cells, settings)
-
-    return count, tiles()
-
-
-def _apart(work: TileWork, first_groups: Ints) -> Iterator[tuple[int, TileWork]]:
-    """Yield the part of each excursion in the work of a tile, by number."""
-    found: dict[int, dict[Layer, Ints]] = {}
-    for layer, pieces in work.pieces.items():
-        # Sorted by group, and groups by excursion.
-        owners = np.searchsorted(first_groups, pieces[:, 3], side="right") - 1
-        changes = (np.flatnonzero(owners[1:] != owners[:-1]) + 1).tolist()
-        for start, stop in pairwise([0, *changes, len(pieces)]):
-            found.setdefault(int(owners[start]), {})[layer] = pieces[start:stop]
-    for number in sorted(found):
-        # The kernel looks at all segments that it is given: of thousands of excursions, no more
-        # than its own.
-        parts = found[number]
-        lowest = min(int(some[:, 0].min()) for some in parts.values())
-        highest = max(int(some[:, 0].max()) for some in parts.values())
-        own = {layer: some - np.array([lowest, 0, 0, 0, 0, 0]) for layer, some in parts.items()}
-        segments = work.segments[lowest : highest + 1]
-        yield number, TileWork(work.key, segments, own, work.clips)
+    tiles: dict[TileKey, dict[int, TileWork]] = {}
+    for number, plan in enumerate(plans):
+        for work in by_tile([plan])[1]:
+            tiles.setdefault(work.key, {})[number] = work
+    windows = {
+        key: tile_window(key) if within is None else tile_window(key).intersection(within)
+        for key in sorted(tiles)
+    }
+    shown = {key: cells for key, cells in windows.items() if cells.cells}
+    return len(shown), (TileSides(tiles[key], cells, settings) for key, cells in shown.items())
