@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,7 @@ from possmap.cli import options
 if TYPE_CHECKING:
     from possmap.grid.ledger import Entry
     from possmap.inspection.changes import Change, ChangedCells
-    from possmap.inspection.diff import DiffSummary, ExcursionDiff
+    from possmap.inspection.diff import DiffSummary, ExcursionDiff, Pair
     from possmap.settings.setting_table import Value
 
 _AT_LENGTH = 3
@@ -75,47 +75,44 @@ def diff(
 
 
 def _as_json(found: DiffSummary, picture: Path | None) -> dict[str, Any]:
-    def pair(values: tuple[Any, Any]) -> dict[str, Any]:
-        return {"a": values[0], "b": values[1]}
-
     def names(entries: tuple[Entry, ...]) -> list[dict[str, Any]]:
         return [
             {"robot": one.robot, "excursion": one.excursion, "records": one.records}
             for one in entries
         ]
 
-    excursions = found.excursions
+    def pairs(of: Mapping[str, Pair[Any]]) -> dict[str, Any]:
+        return {name: pair._asdict() for name, pair in of.items()}
+
     return {
         "a": str(found.a),
         "b": str(found.b),
-        "digests": pair((found.digest_a, found.digest_b)),
+        "digests": found.digests._asdict(),
         "equal": found.equal,
-        "settings": {name: pair(values) for name, values in found.settings.items()},
-        "records": pair(excursions.records),
+        "settings": pairs(found.settings),
+        "records": found.records._asdict(),
         "excursions": {
-            "equal": excursions.equal,
-            "only_a": names(excursions.only_a),
-            "only_b": names(excursions.only_b),
+            "equal": found.equal_excursions,
+            "only_a": names(found.only_a),
+            "only_b": names(found.only_b),
             "changed": [
                 {
                     "robot": one.robot,
                     "excursion": one.excursion,
-                    "records": pair(one.records),
-                    "model": {name: pair(values) for name, values in one.model.items()},
+                    "records": one.records._asdict(),
+                    "model": pairs(one.model),
                 }
-                for one in excursions.changed
+                for one in found.changed
             ],
         },
-        "cells": _cells_as_json(found) if found.cells else None,
+        "cells": None if found.cells is None else _cells_as_json(found.cells, found.largest),
         "picture": None if picture is None else str(picture),
     }
 
 
-def _cells_as_json(found: DiffSummary) -> dict[str, Any]:
+def _cells_as_json(cells: ChangedCells, largest: tuple[Change, ...]) -> dict[str, Any]:
     from possmap.inspection.changes import QUANTITIES, THRESHOLDS
 
-    cells = found.cells
-    assert cells is not None
     either = cells.in_either
     return {
         "known": {"a": cells.in_a, "b": cells.in_b, "both": cells.in_both, "either": either},
@@ -127,7 +124,7 @@ def _cells_as_json(found: DiffSummary) -> dict[str, Any]:
             for quantity, counts, moved in zip(QUANTITIES, cells.beyond, cells.moved, strict=True)
         },
         "contested": {"became": cells.became, "ceased": cells.ceased},
-        "largest": [one._asdict() for one in found.largest],
+        "largest": [one._asdict() for one in largest],
     }
 
 
@@ -157,18 +154,17 @@ def _value(value: Value | None) -> str:
 def _excursions_as_text(found: DiffSummary) -> Iterator[str]:
     from possmap.errors import brief, plural
 
-    one = found.excursions
-    a, b = one.records
+    a, b = found.records
     yield (
-        f"excursions    {one.equal} the same, {len(one.changed)} changed, "
-        f"{len(one.only_a)} only in A, {len(one.only_b)} only in B"
+        f"excursions    {found.equal_excursions} the same, {len(found.changed)} changed, "
+        f"{len(found.only_a)} only in A, {len(found.only_b)} only in B"
     )
-    for entries, which in ((one.only_a, "A"), (one.only_b, "B")):
+    for entries, which in ((found.only_a, "A"), (found.only_b, "B")):
         for entry in entries:
             records = plural(entry.records, "record")
             yield f"  {brief(entry.robot)} {brief(entry.excursion)}: {records}, only in {which}"
     notes: dict[str, list[str]] = {}
-    for changed in one.changed:
+    for changed in found.changed:
         name = f"{brief(changed.robot)} {brief(changed.excursion)}"
         notes.setdefault(", ".join(_changes(changed)), []).append(name)
     for note, names in notes.items():

@@ -51,17 +51,15 @@ class Choices:
     base_rate: float = 0.5
 
     def __post_init__(self) -> None:
-        if self.mode not in MODES:
-            raise ValueError(f"mode, found {shown(self.mode)}, expected one of {', '.join(MODES)}")
-        if self.layer not in LAYERS:
-            known = ", ".join(LAYERS)
-            raise ValueError(f"layer, found {shown(self.layer)}, expected one of {known}")
-        if not 0 < self.occupied <= 1:
-            raise ValueError(f"occupied, found {self.occupied}, expected above 0 and at most 1")
-        if not 0 <= self.free < 1:
-            raise ValueError(f"free, found {self.free}, expected at least 0 and below 1")
-        if not 0 < self.base_rate < 1:
-            raise ValueError(f"base_rate, found {self.base_rate}, expected between 0 and 1")
+        for name, found, known in (("mode", self.mode, MODES), ("layer", self.layer, LAYERS)):
+            if found not in known:
+                raise ValueError(
+                    f"{name}, found {shown(found)}, expected one of {', '.join(known)}"
+                )
+        for name in ("occupied", "free", "base_rate"):
+            value = getattr(self, name)
+            if not 0 <= value <= 1:  # phrased so that NaN is refused too
+                raise ValueError(f"{name}, found {value}, expected a number from 0 to 1")
 
 
 @dataclass(frozen=True, slots=True)

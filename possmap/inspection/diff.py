@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Generic, NamedTuple, TypeVar
 
 from possmap.atomic import check_output, replacing
 from possmap.core.lattice import Window
@@ -21,34 +22,33 @@ from possmap.progress import Progress, quiet
 from possmap.release import version
 from possmap.settings.setting_table import Value
 
+T = TypeVar("T")
+
+
+class Pair(NamedTuple, Generic[T]):
+    """Something of A and of B."""
+
+    a: T
+    b: T
+
+    @property
+    def differ(self) -> bool:
+        """Whether they are not the same."""
+        return self.a != self.b
+
 
 @dataclass(frozen=True, slots=True)
 class ExcursionDiff:
     """An excursion that both grids know, but not the same of it.
 
-    records : how many, in A and in B.
-    model : the parameters in force that differ, in A and in B.
+    records : how many.
+    model : the parameters in force that differ.
     """
 
     robot: str
     excursion: str
-    records: tuple[int, int]
-    model: dict[str, tuple[float, float]]
-
-
-@dataclass(frozen=True, slots=True)
-class ExcursionsDiff:
-    """Whose excursions the grids hold.
-
-    equal : how many are the same in both.
-    records : of all excursions, in A and in B.
-    """
-
-    only_a: tuple[Entry, ...]
-    only_b: tuple[Entry, ...]
-    changed: tuple[ExcursionDiff, ...]
-    equal: int
-    records: tuple[int, int]
+    records: Pair[int]
+    model: dict[str, Pair[float | None]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +56,8 @@ class DiffSummary:
     """In what two grids differ.
 
     settings : those that differ; None where a grid has none of that name.
+    records : of all excursions.
+    equal_excursions : how many are the same in both.
     cells : None if the digests are equal, for then no cell differs.
     largest : the largest changes, the largest first.
     picture : width and height of what was drawn [pixels].
@@ -63,10 +65,13 @@ class DiffSummary:
 
     a: Path
     b: Path
-    digest_a: str
-    digest_b: str
-    settings: dict[str, tuple[Value | None, Value | None]]
-    excursions: ExcursionsDiff
+    digests: Pair[str]
+    settings: dict[str, Pair[Value | None]]
+    records: Pair[int]
+    equal_excursions: int
+    only_a: tuple[Entry, ...]
+    only_b: tuple[Entry, ...]
+    changed: tuple[ExcursionDiff, ...]
     cells: ChangedCells | None
     largest: tuple[Change, ...] = ()
     picture: tuple[int, int] | None = None
@@ -74,7 +79,7 @@ class DiffSummary:
     @property
     def equal(self) -> bool:
         """Whether both hold the same evidence."""
-        return self.digest_a == self.digest_b
+        return not self.digests.differ
 
 
 def diff(
@@ -131,10 +136,9 @@ def diff(
                     f"{' in the window' if window_m else ''}, so there is nothing to show"
                 )
             canvas = Canvas(raster_for(window, exact=window_m is not None))
-        digests = of_a.digest(), of_b.digest()
+        digests = Pair(of_a.digest(), of_b.digest())
         cells, best = ChangedCells(), Largest(largest, of_a.lattice)
-        differ = digests[0] != digests[1]
-        if window is not None and (differ or canvas is not None):
+        if window is not None and (digests.differ or canvas is not None):
             rows = {row for grid in (of_a, of_b) for row in grid.tiles.directory.rows(window)}
             for row in progress(sorted(rows), "row"):
                 for found in changes_in_row(row, of_a, of_b, window):
@@ -154,14 +158,20 @@ def diff(
             }
             with replacing(picture, overwrite) as stream:
                 write_png(image, stream, text)
+        in_a, in_b = dict(_hashed(of_a)), dict(_hashed(of_b))
+        both = [(in_a[name], in_b[name]) for name in in_a if name in in_b]
+        changed = [(one[0], other[0]) for one, other in both if one[1] != other[1]]
         return DiffSummary(
             a=a,
             b=b,
-            digest_a=digests[0],
-            digest_b=digests[1],
-            settings=_settings(of_a, of_b),
-            excursions=_excursions(of_a, of_b),
-            cells=cells if differ else None,
+            digests=digests,
+            settings=_changed(of_a.stored_settings(), of_b.stored_settings()),
+            records=Pair(*(sum(one.records for one, _ in of.values()) for of in (in_a, in_b))),
+            equal_excursions=len(both) - len(changed),
+            only_a=tuple(entry for name, (entry, _) in in_a.items() if name not in in_b),
+            only_b=tuple(entry for name, (entry, _) in in_b.items() if name not in in_a),
+            changed=tuple(_differ(one, other) for one, other in changed),
+            cells=cells if digests.differ else None,
             largest=best.chosen(),
             picture=size,
         )
@@ -179,28 +189,9 @@ def _window(a: Grid, b: Grid, window_m: Metres | None) -> Window | None:
     return window if window.intersection(everything).cells else None
 
 
-def _settings(a: Grid, b: Grid) -> dict[str, tuple[Value | None, Value | None]]:
-    in_a, in_b = a.stored_settings(), b.stored_settings()
-    names = [*in_a, *(name for name in in_b if name not in in_a)]
-    return {
-        name: (in_a.get(name), in_b.get(name)) for name in names if in_a.get(name) != in_b.get(name)
-    }
-
-
-def _excursions(a: Grid, b: Grid) -> ExcursionsDiff:
-    in_a, in_b = dict(_hashed(a)), dict(_hashed(b))
-    both = [name for name in in_a if name in in_b]
-    changed = [name for name in both if in_a[name][1] != in_b[name][1]]
-    return ExcursionsDiff(
-        only_a=tuple(entry for name, (entry, _) in in_a.items() if name not in in_b),
-        only_b=tuple(entry for name, (entry, _) in in_b.items() if name not in in_a),
-        changed=tuple(_differ(in_a[name][0], in_b[name][0]) for name in changed),
-        equal=len(both) - len(changed),
-        records=(
-            sum(entry.records for entry, _ in in_a.values()),
-            sum(entry.records for entry, _ in in_b.values()),
-        ),
-    )
+def _changed(a: Mapping[str, T], b: Mapping[str, T]) -> dict[str, Pair[T | None]]:
+    pairs = {name: Pair(a.get(name), b.get(name)) for name in (*a, *b)}
+    return {name: pair for name, pair in pairs.items() if pair.differ}
 
 
 def _hashed(grid: Grid) -> Iterator[tuple[tuple[str, str], tuple[Entry, bytes]]]:
@@ -211,6 +202,5 @@ def _hashed(grid: Grid) -> Iterator[tuple[tuple[str, str], tuple[Entry, bytes]]]
 
 
 def _differ(a: Entry, b: Entry) -> ExcursionDiff:
-    of_a, of_b = asdict(a.model), asdict(b.model)
-    model = {name: (of_a[name], of_b[name]) for name in of_a if of_a[name] != of_b[name]}
-    return ExcursionDiff(a.robot, a.excursion, (a.records, b.records), model)
+    model = _changed(asdict(a.model), asdict(b.model))
+    return ExcursionDiff(a.robot, a.excursion, Pair(a.records, b.records), model)

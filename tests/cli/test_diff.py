@@ -189,8 +189,8 @@ def test_one_more_log_of_the_shipped_data(tmp_path: Path) -> None:
     possmap.fuse(LOGS[:3], before)
     possmap.fuse(LOGS, after)
     found = possmap.diff(before, after)
-    assert not found.equal and not found.settings and not found.excursions.changed
-    assert [(one.robot, one.excursion) for one in found.excursions.only_b] == [("r1", "b")]
+    assert not found.equal and not found.settings and not found.changed
+    assert [(one.robot, one.excursion) for one in found.only_b] == [("r1", "b")]
     cells = found.cells
     assert cells is not None and cells.in_both == cells.in_a < cells.in_b == cells.in_either
     assert len(found.largest) == 5

@@ -231,7 +231,7 @@ def test_a_single_cell_is_a_map_too(suffix: str, tmp_path: Path) -> None:
         (["--layer", "x"], ".png", 'unknown layer "x", expected one of necessity, possibility'),
         (["--occupied", "0"], ".yaml", "0.0 is not in the range 0<x<=1"),
         (["--free", "1"], ".yaml", "1.0 is not in the range 0<=x<1"),
-        (["--occupied", "nan"], ".yaml", "occupied, found nan, expected above 0"),
+        (["--occupied", "nan"], ".yaml", "occupied, found nan, expected a number from 0 to 1"),
     ],
 )
 def test_options_that_make_no_sense_are_wrong_usage(
