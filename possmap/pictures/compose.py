@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image
 
 from possmap.core.settings import FreeFusion
-from possmap.pictures import layers, legend, masses, overlays, palettes
+from possmap.pictures import layers, legend, overlays, palettes
 from possmap.pictures.frame import Panel, framed
 from possmap.pictures.layers import COVERAGE, LAYERS, LEVELS, MAP, UNKNOWN_INDEX, Cells
 from possmap.pictures.legend import ColourBar, Entry, Group, Key
@@ -106,7 +106,7 @@ def keys(shown: Overlays, ends: Mapping[str, int], palette: str) -> list[Key]:
     entries: list[Entry] = []
     values = [LAYERS[name] for name in ends if name in LAYERS]
     if MAP in ends:
-        for title, colours, scale, word in masses.scales(palette):
+        for title, colours, scale, word in palettes.map_scales(palette):
             found.append(ColourBar(title, colours, scale, ("", word)))
         entries += _signs_of_map(shown, palette)
     if len(values) == 1:

@@ -17,7 +17,7 @@ from possmap.core.patches import Patch, extent_of, spread
 from possmap.core.pyramid import Ints
 from possmap.core.settings import FreeFusion
 from possmap.core.views import VIEWS, CellArray, Readout
-from possmap.pictures import masses, palettes
+from possmap.pictures import palettes
 from possmap.pictures.palettes import Indices, Table
 from possmap.pictures.raster import Raster
 
@@ -85,7 +85,7 @@ def indices(
         return _drawn(
             cells,
             raster,
-            lambda walls, free, points: masses.indices(
+            lambda walls, free, points: palettes.map_indices(
                 Readout.of(walls, free, free_fusion).masses, necessity_of(points)
             ),
             np.arange(256, dtype=np.uint8),
@@ -165,7 +165,7 @@ def _value(
 def letters(name: str) -> str:
     """Return the 256 characters that a layer's indices stand for where there is no colour."""
     if name == MAP:
-        return masses.letters()
+        return palettes.map_letters()
     tenths = "".join(str(min(9, index * 10 // LEVELS)) for index in range(LEVELS))
     return tenths + " "
 
@@ -173,7 +173,7 @@ def letters(name: str) -> str:
 def colours(name: str, palette: str) -> Table:
     """Return the 256 colours that a layer's indices stand for."""
     if name == MAP:
-        return masses.table(palette)
+        return palettes.map_table(palette)
     at = np.rint(np.linspace(0, 255, LEVELS)).astype(int)
     values = palettes.table(palette)[at]
     return np.vstack([values, [palettes.unknown(palette)]]).astype(np.uint8)

@@ -16,7 +16,7 @@ from possmap.core.evidence import Layer
 from possmap.core.fusion import UNIT
 from possmap.core.lattice import Window
 from possmap.core.patches import Crop, Patch, cropped
-from possmap.pictures import compose, layers, masses, palettes
+from possmap.pictures import compose, layers, palettes
 from possmap.pictures.compose import Scene
 from possmap.pictures.raster import Raster
 from possmap.pictures.render import Look, picture
@@ -114,7 +114,9 @@ def test_what_is_contested_is_shown_as_strength_and_never_as_opaque_paint(palett
     tint = np.array(palettes.CONTESTED)
     away = apart(balanced, tint)
     assert (np.diff(away) <= 40).all() and away[-1] < away[0] / 2, "the more, the nearer"
-    assert apart(masses.table(palette).astype(int), tint).min() > 30, "something shows through"
+    assert apart(palettes.map_table(palette).astype(int), tint).min() > 30, (
+        "something shows through"
+    )
     for settled in (found[0, -1], found[-1, 0]):
         assert apart(settled, balanced[-1]) > 150
     # A little evidence against much hardly tints it.
@@ -123,7 +125,7 @@ def test_what_is_contested_is_shown_as_strength_and_never_as_opaque_paint(palett
 
 @pytest.mark.parametrize("palette", PALETTES)
 def test_nothing_known_looks_unknown(palette: str) -> None:
-    table = masses.table(palette).astype(int)
+    table = palettes.map_table(palette).astype(int)
     used = np.unique(np.concatenate([
         drawn(point).ravel()
         for point in (0.0, 0.02, 0.3, 0.9)
