@@ -110,5 +110,5 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def plural(count: int, word: str) -> str:
-    """Return a count with its word: ``1 record``, ``2 records``."""
-    return f"{count} {word}" if count == 1 else f"{count} {word}s"
+    """Return a count with its word: ``1 record``, ``2 records``, ``2 fixes``."""
+    return f"{count} {word}" if count == 1 else f"{count} {word}{'es' if word[-1] == 'x' else 's'}"

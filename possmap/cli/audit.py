@@ -137,7 +137,7 @@ def _suspects(found: Audit, top: int) -> str:
     if names:
         return "; ".join(names)
     sides = (*found.robots, *found.excursions)
-    told = any(one.above is not None or one.told.seen for one in sides)
+    told = any(one.above is not None or one.told.seen or one.told.fixes for one in sides)
     return "nobody" if told else "cannot be said"
 
 

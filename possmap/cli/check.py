@@ -96,3 +96,9 @@ def _as_text(one: Inspection) -> Iterator[str]:
         verb = "yields" if one.waiting == 1 else "yield"
         some = plural(one.waiting, "record")
         yield f"    waiting   {some} {verb} nothing until a pose follows"
+    if one.fixes_ignored:
+        verb = "is" if one.fixes_ignored == 1 else "are"
+        yield (
+            f"    ignored   {plural(one.fixes_ignored, 'fix')} {verb} ignored: only the estimator "
+            "walls looks back"
+        )

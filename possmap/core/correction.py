@@ -40,6 +40,26 @@ class CorrectedStretch(NamedTuple):
     rotation: tuple[float, float]
     heading_deg: float
 
+    @classmethod
+    def along_chord(
+        cls,
+        logged: Stretch,
+        start: tuple[float, float],
+        end: tuple[float, float],
+        angle: float,
+        heading_deg: float,
+    ) -> CorrectedStretch:
+        """Lay a stretch from one place to another: direction and stretch are those of the chord.
+
+        angle : by which offsets at standstill are turned [rad].
+        """
+        step_x, step_y = end[0] - start[0], end[1] - start[1]
+        length = math.hypot(step_x, step_y) if logged.is_run else 0.0
+        along = (step_x / length, step_y / length) if length else logged.unit
+        stretch = length / logged.distance if logged.is_run else 1.0
+        rotation = math.cos(angle), math.sin(angle)
+        return cls(logged, start, end, length, along, stretch, rotation, heading_deg)
+
     def place(self, x: float, y: float) -> tuple[float, float]:
         """Move a point recorded during the stretch along with it.
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import zip_longest
 from types import MappingProxyType
 from typing import NamedTuple
@@ -11,12 +12,14 @@ from possmap.core.correction import CorrectedStretch, correct
 from possmap.core.heading import HeadingError
 from possmap.core.linear import LinearError
 from possmap.core.model import ErrorModel
+from possmap.core.observations import Fit, Observations
 from possmap.core.propagation import CarriedError, ErrorRectangle, StretchErrors, propagate
-from possmap.core.records import Pose
+from possmap.core.records import Fix, Pose, Record
 from possmap.core.refined import RefinedTrack, lay_refined
 from possmap.core.settings import Estimator, EvidenceSettings
-from possmap.core.track import Stretch
-from possmap.core.walls import Fit, Observations, WallFilter
+from possmap.core.smoothing import lay_smoothed, smoothed
+from possmap.core.track import Stretch, fixes, stretches
+from possmap.core.walls import WallFilter
 
 _AT_START: Mapping[Estimator, Callable[[Pose], CarriedError]] = MappingProxyType(
     {"linear": LinearError.at_start, "heading": HeadingError.at_start}
@@ -27,38 +30,51 @@ class Estimate(NamedTuple):
     """Where the stretches of an excursion lie, and how far off they may be.
 
     start : the rectangle of the first pose.
+    place, heading_deg : of the first pose, corrected [m, deg].
     stretches, errors : one each of a stretch.
     observations, fit : what walls told of the heading, and how well (estimator ``walls``).
     """
 
     start: ErrorRectangle
+    place: tuple[float, float]
+    heading_deg: float
     stretches: Sequence[CorrectedStretch]
     errors: Sequence[StretchErrors]
-    observations: Observations
-    fit: Fit
+    observations: Observations = Observations()
+    fit: Fit = Fit()
 
 
 def estimate(
-    first: Pose,
-    track: Sequence[Stretch],
+    records: Sequence[Record],
     model: ErrorModel,
     settings: EvidenceSettings,
     refined: RefinedTrack | None = None,
 ) -> Estimate:
-    """Correct a track, and carry the first pose's own error along it.
+    """Correct the track of records, and carry the first pose's own error along it.
 
+    records : with a pose among them.
     refined : where its poses were found to have been (``possmap refine``); None: nobody asked.
     """
+    first = next(one for one in records if isinstance(one, Pose))
+    track = stretches(records)
     if settings.estimator == "walls":
-        found = _by_walls(first, track, model, settings)
+        found = _by_walls(first, track, fixes(records), model, settings)
         if refined is None:
             return found
-        stretches, errors = lay_refined(track, refined)
-        return found._replace(start=refined[0].rectangle, stretches=stretches, errors=errors)
+        laid, errors = lay_refined(track, refined)
+        first_pose = refined[0]
+        return found._replace(
+            start=first_pose.rectangle, place=first_pose[:2], stretches=laid, errors=errors
+        )
     start = at_start(first, settings.estimator)
     corrected = correct(track, model)
-    errors = propagate(start, corrected, model)
-    return Estimate(start.rectangle, corrected, errors, Observations(), Fit())
+    return Estimate(
+        start.rectangle,
+        (first.x, first.y),
+        first.heading_deg,
+        corrected,
+        propagate(start, corrected, model),
+    )
 
 
 def at_start(first: Pose, estimator: Estimator) -> CarriedError:
@@ -66,11 +82,35 @@ def at_start(first: Pose, estimator: Estimator) -> CarriedError:
     return _AT_START[estimator](first)
 
 
+def is_smoothed(records: Iterable[Record], settings: EvidenceSettings) -> bool:
+    """Whether records are a unit: what comes later changes where the earlier ones lie."""
+    return settings.estimator == "walls" and any(isinstance(one, Fix) for one in records)
+
+
 def _by_walls(
-    first: Pose, track: Sequence[Stretch], model: ErrorModel, settings: EvidenceSettings
+    first: Pose,
+    track: Sequence[Stretch],
+    fixed: Mapping[int, Sequence[Fix]],
+    model: ErrorModel,
+    settings: EvidenceSettings,
 ) -> Estimate:
-    now = WallFilter(first, model, settings)
-    start = now.rectangle
-    laid = [now.advance(one, following) for one, following in zip_longest(track, track[1:])]
-    stretches, errors = [one for one, _ in laid], [error for _, error in laid]
-    return Estimate(start, stretches, errors, now.observations, now.fit)
+    """Go along the track; and back again, if anybody knows where the robot truly was.
+
+    fixed : the fixes after each pose, by its number.
+    """
+    now = WallFilter(first, model, settings, keeps_steps=bool(fixed))
+    start, laid = now.rectangle, []
+    for fix in fixed.get(0, ()):
+        now.observe_fix(fix, first)
+    for number, (one, following) in enumerate(zip_longest(track, track[1:]), 1):
+        laid.append(now.advance(one, following))
+        for fix in fixed.get(number, ()):
+            now.observe_fix(fix, one.end)
+    corrected, errors = [one for one, _ in laid], [error for _, error in laid]
+    place, heading_deg = (first.x, first.y), first.heading_deg
+    if fixed:
+        begin, *known = smoothed(now.steps)
+        start, place = begin.rectangle, begin.place
+        heading_deg += math.degrees(begin.heading)
+        corrected, errors = lay_smoothed(corrected, known)
+    return Estimate(start, place, heading_deg, corrected, errors, now.observations, now.fit)

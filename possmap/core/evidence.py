@@ -11,12 +11,12 @@ from possmap.core.clip import ClipLine, clip_lines
 from possmap.core.correction import CorrectedStretch
 from possmap.core.estimators import estimate
 from possmap.core.model import ErrorModel
+from possmap.core.observations import Fit, Observations
 from possmap.core.propagation import ErrorRectangle, StretchErrors
 from possmap.core.records import Beam, PartialMap, Pose, Wall
 from possmap.core.refined import RefinedTrack
 from possmap.core.settings import EvidenceSettings
-from possmap.core.track import Stretch, stretches
-from possmap.core.walls import Fit, Observations
+from possmap.core.track import Stretch
 
 
 class Layer(IntEnum):
@@ -135,16 +135,13 @@ def findings(
     geometry: dict[int, Geometry] = {}
     evidence: list[Evidence] = []
     swath = Swath(settings.path_width, model.factor) if settings.path_width else None
-    poses = (one for one in enumerate(excursion.records) if isinstance(one[1], Pose))
-    index, first = next(poses, (0, None))
-    if not isinstance(first, Pose):
+    poses = (at for at, one in enumerate(excursion.records) if isinstance(one, Pose))
+    index = next(poses, None)
+    if index is None:
         return Findings(model, geometry, ())
-    start, track, errors, observations, fit = estimate(
-        first, stretches(excursion.records), model, settings, refined
-    )
-    x, y = (first.x, first.y) if refined is None else refined[0][:2]
-    geometry[index] = Geometry.of_point(x, y, start, first.heading_deg)
-    for stretch, error in zip(track, errors, strict=True):
+    laid = estimate(excursion.records, model, settings, refined)
+    geometry[index] = Geometry.of_point(*laid.place, laid.start, laid.heading_deg)
+    for stretch, error in zip(laid.stretches, laid.errors, strict=True):
         logged = stretch.logged
         if logged.seen:
             geometry.update(_lay_out(stretch, error, model))
@@ -155,7 +152,7 @@ def findings(
             evidence.append(_path(stretch, error, geometry, settings, swath))
         if logged.seen and settings.free_along_beams:
             evidence += _along_beams(logged, geometry, settings.resolution)
-    return Findings(model, geometry, tuple(evidence), observations, fit)
+    return Findings(model, geometry, tuple(evidence), laid.observations, laid.fit)
 
 
 def _lay_out(

@@ -51,6 +51,13 @@ class PoseError(Protocol):
         """Half-width H of the heading [rad], at most a right angle."""
 
 
+class FilteredError(NamedTuple):
+    """The same as a value, of an estimator that corrects the track itself."""
+
+    rectangle: ErrorRectangle
+    heading_half: float
+
+
 class CarriedError(PoseError, Protocol):
     """The same as one estimator carries it along the track; a step returns a new value."""
 

@@ -31,6 +31,8 @@ Metres: TypeAlias = Annotated[float, ranges.WITHIN]
 Degrees: TypeAlias = Annotated[float, ranges.WITHIN, "anticlockwise from +x [deg]"]
 HalfWidth: TypeAlias = Annotated[float, ranges.HALF_WIDTH, "counts on the first pose only [m]"]
 HalfAngle: TypeAlias = Annotated[float, ranges.HALF_WIDTH, "counts on the first pose only [deg]"]
+FixedWidth: TypeAlias = Annotated[float, ranges.POSITIVE, "half-width [m]"]
+FixedAngle: TypeAlias = Annotated[float, ranges.POSITIVE, "half-width [deg]; comes with heading"]
 Name: TypeAlias = Annotated[str, NAME]
 Turned: TypeAlias = Annotated[
     bool,
@@ -107,11 +109,26 @@ class Meet:
     extra: str = field(default="", compare=False)
 
 
+@dataclass(frozen=True, slots=True)
+class Fix:
+    """Somebody who knows says where the robot truly was at its last pose."""
+
+    seq: Seq
+    t: Time | None
+    x: Metres
+    y: Metres
+    error_x: FixedWidth
+    error_y: FixedWidth
+    heading_deg: Degrees | None = None
+    error_heading_deg: FixedAngle | None = None
+    extra: str = field(default="", compare=False)
+
+
 Sighting: TypeAlias = Wall | Beam | Corner
-Record: TypeAlias = Pose | Wall | Beam | Corner | Meet
+Record: TypeAlias = Pose | Wall | Beam | Corner | Meet | Fix
 
 KINDS: dict[str, type[Record]] = {
-    "pose": Pose, "wall": Wall, "beam": Beam, "corner": Corner, "meet": Meet,
+    "pose": Pose, "wall": Wall, "beam": Beam, "corner": Corner, "meet": Meet, "fix": Fix,
 }  # fmt: skip
 KIND_OF: dict[type[Record], str] = {cls: kind for kind, cls in KINDS.items()}
 

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from typing import NamedTuple, TypeAlias
 
 from possmap.core.correction import CorrectedStretch
-from possmap.core.propagation import ErrorRectangle, StretchErrors
+from possmap.core.propagation import ErrorRectangle, FilteredError, StretchErrors
 from possmap.core.track import Stretch
-from possmap.core.walls import FilteredError
 
 
 class RefinedPose(NamedTuple):
@@ -51,15 +50,10 @@ def lay_refined(
         raise ValueError(f"{len(poses)} refined poses, expected {len(track) + 1}")
     laid, errors = [], []
     for logged, start, end in zip(track, poses, poses[1:], strict=False):
-        step_x, step_y = end.x - start.x, end.y - start.y
-        length = math.hypot(step_x, step_y) if logged.is_run else 0.0
-        along = (step_x / length, step_y / length) if length else (1.0, 0.0)
-        stretch = length / logged.distance if logged.is_run else 1.0
-        rotation = math.cos(start.heading_error), math.sin(start.heading_error)
         heading_deg = logged.end.heading_deg + math.degrees(end.heading_error)
         laid.append(
-            CorrectedStretch(
-                logged, start[:2], end[:2], length, along, stretch, rotation, heading_deg
+            CorrectedStretch.along_chord(
+                logged, start[:2], end[:2], start.heading_error, heading_deg
             )
         )
         after = FilteredError(end.rectangle, end.heading_half)

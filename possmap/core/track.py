@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from possmap.core.angles import wrap_degrees
-from possmap.core.records import Meet, Pose, Record, Sighting, Wall
+from possmap.core.records import Beam, Corner, Fix, Pose, Record, Sighting, Wall
 
 
 class Stretch(NamedTuple):
@@ -79,8 +79,20 @@ def stretches(records: Sequence[Record]) -> list[Stretch]:
             if last is not None:
                 found.append(Stretch.between(last, record, index, tuple(seen)))
             last, seen = record, []
-        elif not isinstance(record, Meet):
+        elif isinstance(record, Wall | Beam | Corner):
             seen.append((index, record))
+    return found
+
+
+def fixes(records: Sequence[Record]) -> dict[int, list[Fix]]:
+    """Return the fixes by the number of the pose that they stand after; the first is 0."""
+    found: dict[int, list[Fix]] = {}
+    number = -1
+    for record in records:
+        if isinstance(record, Pose):
+            number += 1
+        elif isinstance(record, Fix):
+            found.setdefault(number, []).append(record)
     return found
 
 
@@ -90,6 +102,6 @@ def waiting(records: Sequence[Record]) -> list[Sighting]:
     for record in reversed(records):
         if isinstance(record, Pose):
             break
-        if not isinstance(record, Meet):
+        if isinstance(record, Wall | Beam | Corner):
             found.append(record)
     return found[::-1]

@@ -37,6 +37,7 @@ class Inspection:
     turns, turned_deg : how many, and how far in all, either way [deg].
     seconds : from the first time to the last; None without times.
     waiting : records after the last pose, which yield nothing yet.
+    fixes_ignored : fixes that say nothing, for the estimator is not ``walls``.
     half_x, half_y : of the error rectangle at the last pose [m]; None without a pose.
     heading_half_deg : of the heading there [deg].
     """
@@ -50,6 +51,7 @@ class Inspection:
     turned_deg: float
     seconds: float | None
     waiting: int
+    fixes_ignored: int
     half_x: float | None
     half_y: float | None
     heading_half_deg: float | None
@@ -139,25 +141,30 @@ def _inspections(log: LogFile, settings: Settings) -> Iterator[Inspection]:
         robot = settings.robots.get(version.robot, {})
         model = settings.evidence.model_in_force(version.model, robot)
         last = _last_error(version, model, settings.evidence)
-        yield _inspect(version, delivery.carrier, last)
+        yield _inspect(version, delivery.carrier, settings.evidence, last)
 
 
 def _inspect(
-    version: PartialMap, carrier: tuple[str, str] | None, last: PoseError | None
+    version: PartialMap,
+    carrier: tuple[str, str] | None,
+    settings: EvidenceSettings,
+    last: PoseError | None,
 ) -> Inspection:
     track = stretches(version.records)
+    kinds = dict(Counter(KIND_OF[type(record)] for record in version.records))
     turns = [stretch.turn_deg for stretch in track if stretch.turn_deg]
     times = [record.t for record in version.records if record.t is not None]
     return Inspection(
         robot=version.robot,
         excursion=version.excursion,
         carried_by=carrier,
-        kinds=dict(Counter(KIND_OF[type(record)] for record in version.records)),
+        kinds=kinds,
         distance=sum(stretch.distance for stretch in track),
         turns=len(turns),
         turned_deg=sum(map(abs, turns)),
         seconds=times[-1] - times[0] if times else None,
         waiting=len(waiting(version.records)),
+        fixes_ignored=0 if settings.estimator == "walls" else kinds.get("fix", 0),
         half_x=last.rectangle.half_x if last else None,
         half_y=last.rectangle.half_y if last else None,
         heading_half_deg=math.degrees(last.heading_half) if last else None,
@@ -171,7 +178,7 @@ def _last_error(
     first = next((record for record in version.records if isinstance(record, Pose)), None)
     if first is None:
         return None
-    found = estimate(first, stretches(version.records), model, settings)
+    found = estimate(version.records, model, settings)
     if found.errors:
         return found.errors[-1].after
     heading_half = min(RIGHT_ANGLE, math.radians(first.error_heading_deg))

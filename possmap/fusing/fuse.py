@@ -24,6 +24,7 @@ from possmap.fusing.executors import SERIAL, Hands, hands
 from possmap.fusing.joining import Joining
 from possmap.fusing.layout import LaidOut, Reach, StoredTile, Version, lay_out, stamp
 from possmap.fusing.reading import How, Read, read_logs
+from possmap.fusing.withdraw import Loss, withdraw
 from possmap.grid.arrivals import Arrival
 from possmap.grid.grid import Grid
 from possmap.grid.ledger import Ledger
@@ -357,6 +358,8 @@ def _write(
 ) -> None:
     """Add what grew to the ledger, and stamp it, tile by tile."""
     grown = joining.laid_out.values()
+    old = [grid.ledger.entry(name) for name, one in joining.laid_out.items() if one.restamps]
+    withdraw(grid, [Loss(entry, kept=0) for entry in old if entry is not None], progress)
     for one in grown:
         grid.ledger.add(one.rows)
     count, works = by_tile([one.plan for one in grown])

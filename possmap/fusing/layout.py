@@ -8,15 +8,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple, TypeAlias
 
+from possmap.core.estimators import is_smoothed
 from possmap.core.evidence import Findings, Layer, findings
 from possmap.core.fusion import fuse_tile
 from possmap.core.lattice import TileKey
 from possmap.core.model import ErrorModel
+from possmap.core.observations import Observations
 from possmap.core.plan import ExcursionPlan, TileWork, plan_excursion
 from possmap.core.pyramid import FARTHEST
 from possmap.core.records import PartialMap
 from possmap.core.settings import EvidenceSettings
-from possmap.core.walls import Observations
 from possmap.errors import LogError
 from possmap.fusing.work import works_of
 from possmap.grid.encoding import EncodedTile, encode, unpacked
@@ -95,12 +96,14 @@ class LaidOut(NamedTuple):
 
     work : cells of work, at most (``possmap.fusing.work``).
     reach : how many of its records can say something.
+    restamps : whether it takes the place of what the grid holds of it (METHOD §7).
     """
 
     rows: ExcursionRows
     plan: ExcursionPlan
     work: float
     reach: Reach
+    restamps: bool
 
 
 def lay_out(version: Version, settings: EvidenceSettings, limits: Limits) -> LaidOut:
@@ -114,16 +117,19 @@ def lay_out(version: Version, settings: EvidenceSettings, limits: Limits) -> Lai
     found = findings(version.map, version.model, settings)
     _check_places(version, found, settings.resolution)
     work = _checked_work(version, found, settings.resolution, limits)
-    plan = plan_excursion(found, version.in_grid, settings)
+    is_unit = is_smoothed(version.map.records, settings)
+    in_grid = 0 if is_unit else version.in_grid
+    plan = plan_excursion(found, in_grid, settings)
     rows = excursion_rows(
         version.map,
         version.model,
-        version.in_grid,
+        in_grid,
         found.geometry,
         plan.touched(),
         found.observations,
     )
-    return LaidOut(rows, plan, work, Reach.of(version.map, found))
+    reach = Reach.of(version.map, found)
+    return LaidOut(rows, plan, work, reach, restamps=is_unit and version.in_grid > 0)
 
 
 def stamp(work: TileWork, stored: StoredTile, settings: EvidenceSettings) -> TileResult:

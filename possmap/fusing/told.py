@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from possmap.core.walls import MOST_OUTLIERS
+from possmap.core.walls import MOST_OUTLIERS, SURPRISING
 from possmap.errors import plural, printable
 from possmap.fusing.layout import Reach
 from possmap.grid.tiles import Undecided
@@ -51,10 +51,27 @@ def reach_line(
             "excursions, or set max_error higher"
         )
     yield from _too_wide(reach)
+    yield from _surprises(reach)
     if doubts_axes(reach):
         yield (
             f"the building's axes do not look right: the walls seen {_doubt(reach)}; the setting "
             "axes says where they are, and possmap check proposes it"
+        )
+
+
+def _surprises(reach: Mapping[tuple[str, str], Reach]) -> Iterator[str]:
+    """Yield a line if a fix lies where the model does not let a robot be."""
+    told = {name: one.observations for name, one in reach.items() if one.observations.surprising}
+    if told:
+        name = max(told, key=lambda name: (told[name].surprise, name))
+        count = sum(one.surprising for one in told.values())
+        yield (
+            f"{plural(count, 'fix')} {'surprises' if count == 1 else 'surprise'} the error model, "
+            f"and {'is' if count == 1 else 'are'} used all the same: "
+            f"{printable(name[0])} {printable(name[1])} by "
+            f"{told[name].surprise:.1f}{'' if len(told) == 1 else ' at most'}, where chance "
+            f"exceeds {SURPRISING} once in a thousand times; is the fix that of another place, or "
+            "the robot broken?"
         )
 
 

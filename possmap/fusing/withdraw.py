@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from possmap.core.evidence import Layer
-from possmap.core.fusion import TileLayers, fuse_tile
+from possmap.core.fusion import TileLayers, blank, fuse_tile
 from possmap.core.lattice import TileKey
 from possmap.core.plan import by_tile
 from possmap.core.settings import EvidenceSettings
@@ -49,23 +49,27 @@ def withdraw(grid: Grid, losses: Sequence[Loss], progress: Progress) -> int:
     GridError
         If what is left cannot be laid out.
     """
+    if not losses:
+        return 0
     settings, tiles, ledger = grid.settings, grid.tiles, grid.ledger
     touched = ledger.touched_by([loss.entry.identity for loss in losses])
-    keys = sorted(set().union(*touched.values()))
-    before = {key: tiles.directory.hashes_of(key) for key in keys}
+    before: dict[TileKey, dict[int, bytes]] = {}
     anew: set[TileKey] = set()
     for loss in progress(losses, "excursion"):
-        if loss.lost or loss.kept is None:
-            here = touched[loss.entry.identity]
-            anew |= _subtract(grid, loss, here, settings)
-            _strike(grid, loss, here, settings)
-        else:
+        if not loss.lost and loss.kept is not None:
             ledger.came.drop(loss.entry.name, loss.gone)
+            continue
+        there = touched[loss.entry.identity]
+        part = None if loss.kept is None else replay(grid, loss.entry, settings, loss.kept)
+        # What stays of a smoothed excursion may lie where the whole said nothing.
+        here = {*there, *(TileKey(*one[:2]) for one in (part.plan.touched() if part else ()))}
+        before |= {key: tiles.directory.hashes_of(key) for key in here - before.keys()}
+        anew |= _subtract(grid, loss, part, here, settings)
+        _strike(grid, loss, part, there)
     _replace(grid, sorted(anew), tuple(Layer), progress)
     if not _adds_up(Layer.FREE, settings):
-        free = [key for key in keys if key not in anew and Layer.FREE in before[key]]
-        _replace(grid, free, (Layer.FREE,), progress)
-    return sum(tiles.directory.hashes_of(key) != before[key] for key in keys)
+        _replace(grid, sorted(before.keys() - anew), (Layer.FREE,), progress)
+    return sum(tiles.directory.hashes_of(key) != was for key, was in before.items())
 
 
 def _adds_up(layer: Layer, settings: EvidenceSettings) -> bool:
@@ -73,25 +77,28 @@ def _adds_up(layer: Layer, settings: EvidenceSettings) -> bool:
 
 
 def _subtract(
-    grid: Grid, loss: Loss, keys: Iterable[TileKey], settings: EvidenceSettings
+    grid: Grid,
+    loss: Loss,
+    part: Replayed | None,
+    keys: Iterable[TileKey],
+    settings: EvidenceSettings,
 ) -> set[TileKey]:
     """Take what goes out of the sums of tiles; return the tiles where that cannot be done."""
     try:
         whole = replay(grid, loss.entry, settings)
-        part = replay(grid, loss.entry, settings, loss.kept) if loss.kept else None
     except GridError:  # nobody can say what it once said
         return set(keys)
     if whole.findings.geometry != grid.ledger.geometry(loss.entry):
         return set(keys)  # as between two maths libraries
     staying = _said(part, settings) if part else {}
+    going = _said(whole, settings)
     failed = set()
-    for key, gone in _said(whole, settings).items():
-        held = grid.tiles.read(key)
-        stays = staying.get(key, {})
+    for key in sorted(going.keys() | staying.keys()):
+        held, gone, stays = grid.tiles.read(key), going.get(key, {}), staying.get(key, {})
         left: TileLayers = {}
-        for layer, array in gone.items():
+        for layer in gone.keys() | stays.keys():
             if _adds_up(layer, settings):
-                left[layer] = held.get(layer, 0) - array + stays.get(layer, 0)
+                left[layer] = held.get(layer, blank()) - gone.get(layer, 0) + stays.get(layer, 0)
         if any((array < 0).any() for array in left.values()):
             failed.add(key)
         else:
@@ -104,12 +111,12 @@ def _said(again: Replayed, settings: EvidenceSettings) -> dict[TileKey, TileLaye
     return {work.key: fuse_tile(work, {}, settings) for work in by_tile([again.plan])[1]}
 
 
-def _strike(grid: Grid, loss: Loss, keys: Iterable[TileKey], settings: EvidenceSettings) -> None:
+def _strike(grid: Grid, loss: Loss, part: Replayed | None, keys: Iterable[TileKey]) -> None:
     """Take a loss out of the ledger."""
-    if loss.kept is None:
+    if part is None:
         grid.ledger.remove(loss.entry, keys)
         return
-    version, found, plan = replay(grid, loss.entry, settings, loss.kept)
+    version, found, plan = part
     model, told = loss.entry.model, found.observations
     grid.ledger.came.drop(loss.entry.name, loss.gone)
     grid.ledger.strike(loss.entry, keys)

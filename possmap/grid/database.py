@@ -21,8 +21,8 @@ from possmap.grid.opening import EMPTY, bytes_held, check_file, is_in_wal_mode, 
 from possmap.grid.rows import record_fields_sql
 
 APPLICATION_ID = 0x506F7373
-FORMAT_VERSION = 3
-"""The first that was released; 1 and 2 were tried before and are not read."""
+FORMAT_VERSION = 4
+"""The first to be released; those before were tried and are not read."""
 
 WAIT_S = 60.0
 """How long a process waits for another that has locked the grid, before it gives up."""

@@ -1,5 +1,5 @@
--- Format 3 of a possmap grid: one SQLite file (docs/grid-file.md).
--- application_id 0x506F7373 ("Poss"), user_version 3. STRICT: SQLite looks to the types, also of a file that somebody else wrote.
+-- Format 4 of a possmap grid: one SQLite file (docs/grid-file.md).
+-- application_id 0x506F7373 ("Poss"), user_version 4. STRICT: SQLite looks to the types, also of a file that somebody else wrote.
 
 -- The settings that shape evidence, and what is known of single robots (robots.NAME.PARAMETER). JSON values.
 CREATE TABLE setting (
@@ -33,6 +33,9 @@ CREATE TABLE excursion (
     outliers  INTEGER NOT NULL,  -- contradicted the rest,
     seen      INTEGER NOT NULL,  -- how many of those used were seen in passing,
     residuals REAL NOT NULL,     -- and the sum of r/√V over them
+    fixes      INTEGER NOT NULL, -- fixes that told its place,
+    surprising INTEGER NOT NULL, -- how many of them surprised,
+    surprise   REAL NOT NULL,    -- and the largest of their rᵀV⁻¹r
     UNIQUE (robot, name)
 ) STRICT;
 

@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from possmap.core.evidence import Geometry
 from possmap.core.lattice import TileKey
 from possmap.core.model import ErrorModel
+from possmap.core.observations import Observations
 from possmap.core.propagation import ErrorRectangle
 from possmap.core.records import PartialMap
-from possmap.core.walls import Observations
 from possmap.errors import brief
 from possmap.grid.arrivals import Arrivals
 from possmap.grid.database import Database, Row
 from possmap.grid.forgotten import ForgottenList
 from possmap.grid.refined import RefinedTracks
-from possmap.grid.rows import GEOMETRY, RECORD_COLUMNS, ExcursionRows, record_of_row
+from possmap.grid.rows import GEOMETRY, HEAD, RECORD_COLUMNS, ExcursionRows, record_of_row
 
 _PLACE = "excursion, number, map_x, map_y, half_x, half_y"
 
@@ -99,7 +99,7 @@ class Ledger:
 
     def _entries(self, clause: str, values: Sequence[object]) -> Iterator[Entry]:
         for identity, robot, name, model, records, beyond, *told in self._database.all(
-            "SELECT id, robot, name, model, records, beyond, used, vague, outliers, seen, residuals"
+            f"SELECT id, robot, name, model, records, beyond, {', '.join(Observations._fields)}"
             f" FROM excursion {clause}",
             values,
         ):
@@ -233,14 +233,9 @@ class Ledger:
     def add(self, rows: ExcursionRows) -> None:
         """Write down a new excursion, or the later part of a known one."""
         found = self._database.one(
-            "INSERT INTO excursion (robot, name, own_model, model, records, hash, extra,"
-            " beyond, used, vague, outliers, seen, residuals)"
-            " VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
+            f"INSERT INTO excursion ({', '.join(HEAD)}) VALUES ({', '.join('?' * len(HEAD))})"
             " ON CONFLICT (robot, name) DO UPDATE SET"
-            " records = excluded.records, hash = excluded.hash, extra = excluded.extra,"
-            " beyond = excluded.beyond, used = excluded.used, vague = excluded.vague,"
-            " outliers = excluded.outliers, seen = excluded.seen, residuals = excluded.residuals"
-            " RETURNING id",
+            f" {', '.join(f'{column} = excluded.{column}' for column in HEAD[4:])} RETURNING id",
             rows.head,
         )
         identity = (int(found[0]) if found else 0,)

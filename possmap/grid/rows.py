@@ -15,9 +15,9 @@ from typing import Any, NamedTuple, TypeAlias
 
 from possmap.core.evidence import Geometry
 from possmap.core.model import ErrorModel
+from possmap.core.observations import Observations
 from possmap.core.plan import Touched
 from possmap.core.records import FIELDS, KIND_OF, KINDS, PartialMap, Pose, Record
-from possmap.core.walls import Observations
 from possmap.grid.excursion_hash import excursion_hash
 
 Values: TypeAlias = tuple[Any, ...]
@@ -26,6 +26,12 @@ GEOMETRY = (
     "map_x", "map_y", "half_x", "half_y",
     "map_x2", "map_y2", "half_x2", "half_y2", "map_heading",
 )  # fmt: skip
+
+HEAD = (
+    "robot", "name", "own_model", "model",
+    "records", "hash", "extra", "beyond", *Observations._fields,
+)  # fmt: skip
+"""Columns of an excursion's own row; from the fifth on they change when it grows."""
 
 _SQL = {float: "REAL", int: "INTEGER", bool: "INTEGER"}
 

@@ -10,8 +10,8 @@ from operator import add
 from pathlib import Path
 
 from possmap.core.lattice import Lattice, TileKey, Window
+from possmap.core.observations import Fit, Observations
 from possmap.core.plan import ExcursionPlan
-from possmap.core.walls import Fit, Observations
 from possmap.errors import OutputError, plural, printable
 from possmap.exports.job import Metres
 from possmap.grid.grid import Grid

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from possmap.core.walls import Fit, Observations
+from possmap.core.observations import Fit, Observations
 
 LEAST_SHARE = 0.1
 """Of its cells others must have said something, or a side is not judged."""
@@ -37,6 +37,8 @@ BY_CHANCE = 1e-3
 """... or so many that chance makes one such side in a thousand audits."""
 USUAL_OUTLIERS = 0.01
 """Of the walls of sound robots, at least: three times what a normal distribution expects."""
+SURPRISED, BY_CHANCE_FIXES = 1e-3, 1e-2
+"""Which share of the fixes surprises by chance; and what chance makes so seldom stands out."""
 STRAYS = 3.0
 """A heading strays that observations correct so many times as much as the other robots' ..."""
 FEWEST_STRAYS = 30
@@ -56,6 +58,7 @@ class Told:
     surprise : how far Σ r²/V over those used lies above their number, in standard deviations, as
         Wilson and Hilferty (1931) make a χ² normal.
     overturn_deg : over-turn per 45° beyond the model's, the median of its excursions.
+    fixes, surprising : how often somebody said where it truly was, and how often that surprised.
     stray_deg : how far off observations find the heading, their median, whatever the model says.
     """
 
@@ -65,6 +68,8 @@ class Told:
     surprise: float
     overturn_deg: float
     stray_deg: float
+    fixes: int = 0
+    surprising: int = 0
 
     @property
     def share(self) -> float:
@@ -86,6 +91,8 @@ class Told:
             surprise=_deviations(squares, used),
             overturn_deg=float(np.median(overturn)) if overturn else 0.0,
             stray_deg=math.degrees(np.median(strays)) if strays else 0.0,
+            fixes=sum(one.fixes for one, _ in some),
+            surprising=sum(one.surprising for one, _ in some),
         )
 
     def reasons(self, others: Sequence[Told]) -> Iterator[str]:
@@ -178,6 +185,8 @@ def told_apart(side: Side, sides: Sequence[Side], limit: float = EXCURSION_STAND
         if above >= limit:
             reasons.append("contradicts the others")
     reasons += side.told.reasons([one.told for one in others])
+    if _at_least(side.told.surprising, side.told.fixes * SURPRISED) < BY_CHANCE_FIXES:
+        reasons.append("a fix surprises its model")
     return replace(side, above=above, reasons=tuple(reasons))
 
 

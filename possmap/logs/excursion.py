@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from possmap.core.records import Meet, OwnModel, PartialMap, Pose, Record
+from possmap.core.records import Fix, Meet, OwnModel, PartialMap, Pose, Record
 from possmap.errors import shown
 from possmap.logs.fields import Fault, as_object, model_of, name_of, own_keys, own_text
 
@@ -102,8 +102,8 @@ class Excursion:
         Raises
         ------
         Fault
-            For a falling seq or time, a sighting before the first pose, or a pose that did not
-            turn and lies elsewhere than the one before.
+            For a falling seq or time, a sighting or fix before the first pose, a pose that did not
+            turn and lies elsewhere than the one before, or a fix with half of a heading.
         """
         records, seq, t = self.records, record.seq, record.t
         if not records:
@@ -117,7 +117,10 @@ class Excursion:
                 _check_place(record, self._pose)
             self._pose = record
         elif self._pose is None and not isinstance(record, Meet):
-            raise Fault(("kind",), "expected a pose before the first wall, corner or beam")
+            first = "fix" if isinstance(record, Fix) else "wall, corner or beam"
+            raise Fault(("kind",), f"expected a pose before the first {first}")
+        elif isinstance(record, Fix):
+            _check_heading(record)
         if t is not None:
             if self._last_t is not None and t < self._last_t:
                 raise Fault(("t",), f"found {t}, expected {self._last_t} or later")
@@ -129,6 +132,16 @@ class Excursion:
         extra, records = own_text(header.own), tuple(self.records)
         content = PartialMap(header.robot, header.excursion, header.model, records, extra)
         return Version(self.line, content, carrier)
+
+
+def _check_heading(fix: Fix) -> None:
+    for name, found, other in (
+        ("heading", fix.heading_deg, fix.error_heading_deg),
+        ("error_heading", fix.error_heading_deg, fix.heading_deg),
+    ):
+        if found is None and other is not None:
+            given = "error_heading" if name == "heading" else "heading"
+            raise Fault((), f"{name} is missing, a fix with {given} needs it")
 
 
 def _check_place(pose: Pose, before: Pose | None) -> None:

@@ -26,8 +26,9 @@ _DEFINED: dict[Range | re.Pattern[str], str] = {
 
 _ABOUT = (
     "What one robot delivers after one excursion. Metres, degrees, seconds. This schema cannot say "
-    "that seq and t never fall, that a pose comes first, and that a pose with turned: false has "
-    "the place of the one before; possmap check does."
+    "that seq and t never fall, that a pose comes first, that a pose with turned: false has the "
+    "place of the one before, and that a fix has heading and error_heading or neither; possmap "
+    "check does."
 )
 _IN_ORDER = "in order of seq; the first is 0, and the first that is not a meet is a pose"
 _CARRIED = "excursions that were handed over when robots met"

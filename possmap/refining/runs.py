@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from possmap.core.model import ErrorModel
+from possmap.core.observations import Observations
 from possmap.core.records import PartialMap
 from possmap.core.settings import EvidenceSettings
-from possmap.core.walls import MOST_OUTLIERS, Observations
+from possmap.core.walls import MOST_OUTLIERS
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

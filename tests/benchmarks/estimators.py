@@ -35,7 +35,6 @@ from possmap.core.model import ErrorModel
 from possmap.core.propagation import ErrorRectangle
 from possmap.core.records import Pose, Record, Wall
 from possmap.core.settings import Estimator, EvidenceSettings
-from possmap.core.track import stretches
 
 RUNS = 64
 AT = (1, 4, 16, 64)
@@ -238,12 +237,10 @@ def rectangles(
     driven: Driven, model: ErrorModel, method: Method
 ) -> list[tuple[tuple[float, float], ErrorRectangle]]:
     """Return place and error rectangle at the end of each run."""
-    track = stretches(driven.with_seen() if method == "walls seen" else driven.records)
-    first = driven.records[0]
-    assert isinstance(first, Pose)
+    records = driven.with_seen() if method == "walls seen" else driven.records
     name = {"walls seen": "walls", "quadrature": "linear"}.get(method, method)
     settings = EvidenceSettings(estimator=cast("Estimator", name), orthogonal=True)
-    found = estimate(first, track, model, settings)
+    found = estimate(records, model, settings)
     runs = [
         (stretch.end, error.end)
         for stretch, error in zip(found.stretches, found.errors, strict=True)

@@ -35,7 +35,7 @@ import numpy as np
 
 from possmap.core.estimators import estimate
 from possmap.core.model import ErrorModel
-from possmap.core.records import PartialMap, Pose, Wall
+from possmap.core.records import PartialMap, Wall
 from possmap.core.settings import EvidenceSettings
 from possmap.core.track import stretches
 from possmap.core.walls import LEAST_LENGTH_M
@@ -217,11 +217,10 @@ def held(
     """Return the share of poses within their rectangles, and the legs' mean last half-width."""
     inside, last = [], []
     for leg in legs:
-        first = next(record for record in leg.records if isinstance(record, Pose))
         track = stretches(leg.records)
         if not track:
             continue
-        found = estimate(first, track, model, settings)
+        found = estimate(leg.records, model, settings)
         true = true_at(data, [one.end.t or 0.0 for one in track])
         off = np.abs(np.array([one.end for one in found.stretches]) - true[:, :2])
         halves = np.array([(one.end.half_x, one.end.half_y) for one in found.errors])

@@ -19,9 +19,9 @@ import possmap
 from possmap.core.evidence import Layer
 from possmap.core.fusion import CERTAIN, UNIT
 from possmap.core.lattice import TileKey, Window, tile_window
+from possmap.core.observations import Fit, Observations
 from possmap.core.patches import Crop, Patch
 from possmap.core.plan import ExcursionPlan
-from possmap.core.walls import Fit, Observations
 from possmap.grid.replay import replay
 from possmap.grid.selection import Selection
 from possmap.inspection.audit import Audit, audit

@@ -71,6 +71,7 @@ def test_json_tells_the_same(tmp_path: Path) -> None:
                         "turned_deg": 270.0,
                         "seconds": 9.5,
                         "waiting": 2,
+                        "fixes_ignored": 0,
                         "half_x": pytest.approx(4 * 1.25 / 120),
                         "half_y": pytest.approx(4 * 5.5 / 120),
                         "heading_half_deg": pytest.approx(12),

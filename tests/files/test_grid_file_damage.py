@@ -128,18 +128,18 @@ def test_a_grid_cut_short_anywhere_is_refused_and_left_alone(tmp_path: Path) -> 
 
 def test_a_format_that_was_never_released_is_refused_by_number(tmp_path: Path) -> None:
     grid = fused(tmp_path, bump())
-    change(grid, "PRAGMA user_version = 2")
+    change(grid, "PRAGMA user_version = 3")
     for result in on_all(grid, tmp_path).values():
-        problem = "format 2 was never released, expected 3; fuse its logs into a new grid"
+        problem = "format 3 was never released, expected 4; fuse its logs into a new grid"
         assert (result.stderr, result.exit_code) == (f"possmap: {grid}: {problem}\n", 1)
 
 
 def test_a_newer_format_is_refused_by_number(tmp_path: Path) -> None:
     grid = fused(tmp_path, bump())
-    change(grid, "PRAGMA user_version = 4")
+    change(grid, "PRAGMA user_version = 5")
     before = grid.read_bytes()
     for result in on_all(grid, tmp_path).values():
-        problem = "format 4 is newer than this program reads (3); install a newer possmap"
+        problem = "format 5 is newer than this program reads (4); install a newer possmap"
         assert (result.stderr, result.exit_code) == (f"possmap: {grid}: {problem}\n", 1)
     assert grid.read_bytes() == before
 

@@ -125,7 +125,7 @@ def literal_half_widths(log: JsonObject, settings: JsonObject) -> list[PoseError
         return []
     errors = [_first_errors(poses[0])]
     places = [Point(poses[0].x, poses[0].y)]
-    legs, states = _laid_out(_legs(records), poses[0], model, _shape(settings))
+    legs, states = _laid_out(records, poses[0], model, _shape(settings))
     for leg, (_, _, turned) in zip(legs, states, strict=True):
         places.append(leg.last)
         errors.append(turned)
@@ -295,6 +295,7 @@ class _Leg:
     turn: float
     seen: tuple[_Record, ...]
     poses: tuple[JsonObject, JsonObject]
+    fixes: tuple[JsonObject, ...] = ()
 
     @property
     def walls(self) -> list[_Record]:
@@ -320,6 +321,10 @@ def _legs(records: Iterable[_Record]) -> list[_Leg]:
     pose: _Record | None = None
     seen: list[_Record] = []
     for record in records:
+        if record.kind == "fix":  # it stands after the pose that ends the leg
+            if legs:
+                legs[-1] = replace(legs[-1], fixes=(*legs[-1].fixes, record.raw))
+            continue
         if record.kind != "pose":
             seen.append(record)
             continue
@@ -439,13 +444,18 @@ _States = list[tuple[_Errors, _Errors, _Errors]]
 
 
 def _laid_out(
-    legs: Sequence[_Leg], first: _Record, model: Mapping[str, float], shape: _Shape
+    records: Sequence[_Record], first: _Record, model: Mapping[str, float], shape: _Shape
 ) -> tuple[list[_Leg], _States]:
     """Return the legs as corrected, and per leg the errors that `_propagated` returns."""
+    legs = _legs(records)
     if shape.estimator != "walls":
         corrected = _corrected(legs, model)
         return corrected, _propagated(corrected, first, model, shape.estimator)
-    laid, _ = filtered([_pair(leg) for leg in legs], first.raw, model, shape.orthogonal, shape.axes)
+    laid, _ = filtered(
+        [_pair(leg) for leg in legs], first.raw, model, shape.orthogonal, shape.axes,
+        _fixes_of_the_first(records),
+    )  # fmt: skip
+    laid = laid[len(laid) - len(legs) :]
     moved, states = [], []
     for leg, at in zip(legs, laid, strict=True):
         start, end = Point(*at.start[0][:2].tolist()), Point(*at.end[0][:2].tolist())
@@ -475,13 +485,24 @@ def _laid_out(
     return moved, states
 
 
+def _fixes_of_the_first(records: Sequence[_Record]) -> list[JsonObject]:
+    """Return the fixes before the second pose."""
+    found: list[JsonObject] = []
+    for record in records[next(n for n, one in enumerate(records) if one.kind == "pose") + 1 :]:
+        if record.kind == "pose":
+            break
+        if record.kind == "fix":
+            found.append(record.raw)
+    return found
+
+
 def _heading_half(variance: float, model: Mapping[str, float]) -> float:
     return min(90.0, math.degrees(model["factor"] * math.sqrt(max(0.0, variance))))
 
 
 def _pair(leg: _Leg) -> Pair:
     walls = [(one.x, one.y, one.x2, one.y2, one.followed) for one in leg.walls]
-    return Pair(*leg.poses, leg.length, leg.direction, leg.turn, walls)
+    return Pair(*leg.poses, leg.length, leg.direction, leg.turn, walls, leg.fixes)
 
 
 def _propagated(
@@ -699,7 +720,7 @@ def _evidence(log: JsonObject, model: Mapping[str, float], shape: _Shape) -> _Fo
     records = _records(log)
     if not records:
         return found
-    legs, states = _laid_out(_legs(records), records[0], model, shape)
+    legs, states = _laid_out(records, records[0], model, shape)
     stamper = _Stamper(shape.resolution, model["max_error"])
     for leg, (at_first, after_run, _) in zip(legs, states, strict=True):
         start = _Rectangle(at_first.half_x, at_first.half_y)

@@ -480,6 +480,34 @@ def telling_of_turns(logs: Sequence[Log], seed: int) -> list[Log]:
     return told
 
 
+def knowing_fixes(logs: Sequence[Log], seed: int, share: float = 0.3) -> list[Log]:
+    """Return logs with fixes after some poses, the same ones in every version of an excursion."""
+    found = copy.deepcopy(list(logs))
+    for log in found:
+        for version in (log, *log.get("carried", [])):
+            name = sum(map(ord, version["robot"] + version["excursion"]))
+            records = []
+            for record in version["records"]:
+                record["seq"] *= 2  # room for a fix
+                records.append(record)
+                rng = np.random.default_rng([seed, name, record["seq"], 7])
+                if record["kind"] == "pose" and rng.random() < share:
+                    records.append(_fix(record, rng))
+            version["records"] = records
+    return found
+
+
+def _fix(pose: Log, rng: np.random.Generator) -> Log:
+    fix = {"seq": pose["seq"] + 1, "kind": "fix"}
+    for name in ("x", "y"):
+        fix[f"error_{name}"] = _uniform(rng, 0.01, 0.6)
+        fix[name] = pose[name] + _uniform(rng, -0.5, 0.5)
+    if rng.random() < 0.4:
+        fix["heading"] = pose["heading"] + _pick(rng, [0.0, 360.0, _uniform(rng, -15, 15)])
+        fix["error_heading"] = _uniform(rng, 0.2, 10)
+    return fix
+
+
 def _tell(last: Log, pose: Log, between: Sequence[Log], draw: float) -> None:
     stands = (pose["x"], pose["y"]) == (last["x"], last["y"])
     if draw < 0.2:

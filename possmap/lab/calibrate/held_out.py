@@ -14,7 +14,6 @@ from possmap.core.estimators import estimate
 from possmap.core.model import ErrorModel
 from possmap.core.records import Pose
 from possmap.core.settings import Estimator, EvidenceSettings
-from possmap.core.track import stretches
 from possmap.lab.calibrate.cutting import TrueTrack
 from possmap.lab.calibrate.heading import TERMS, Term
 from possmap.lab.calibrate.model import Fit, fit_model
@@ -117,7 +116,7 @@ def _held_trial(trial: Trial, model: ErrorModel, estimator: Estimator) -> tuple[
     if trial.distance > 0:
         bend = trial.bend
         poses.append(Pose(len(poses), None, trial.distance, 0.0, bend))
-    found = estimate(poses[0], stretches(poses), model, EvidenceSettings(estimator=estimator))
+    found = estimate(poses, model, EvidenceSettings(estimator=estimator))
     end, last = found.stretches[-1], found.errors[-1]
     nan = math.nan
     off_x = off_y = half_x = half_y = off = half = nan
@@ -299,7 +298,7 @@ def _held_leg(
     rows = np.column_stack([x0 + cos * dx - sin * dy, y0 + sin * dx + cos * dy,
                             leg.logged[:, 2] + turn]).tolist()  # fmt: skip
     poses = [Pose(k, None, *row, *(start if k == 0 else ())) for k, row in enumerate(rows)]
-    found = estimate(poses[0], stretches(poses), model, EvidenceSettings(estimator=estimator))
+    found = estimate(poses, model, EvidenceSettings(estimator=estimator))
     off = np.abs(leg.true[1:, :2] - np.array([one.end for one in found.stretches]))
     half = np.array([(one.end.half_x, one.end.half_y) for one in found.errors])
     return (off <= half + 1e-9).all(axis=1).astype(np.float64), float(half[-1].mean())

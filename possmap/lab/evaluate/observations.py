@@ -16,7 +16,6 @@ from possmap.core.pyramid import count_of, relevant, stamps
 from possmap.core.records import Beam, PartialMap, Pose, Wall
 from possmap.core.refined import RefinedTrack
 from possmap.core.settings import EvidenceSettings
-from possmap.core.track import stretches
 from possmap.lab.evaluate.raster import Flags, Floats, Ints, grown, within
 
 
@@ -42,10 +41,9 @@ class JudgedExcursion:
     ) -> JudgedExcursion:
         """Lay out an excursion as the grid does: by its estimator, or as it was refined."""
         found = findings(version, model, settings, refined)
-        first = next((one for one in version.records if isinstance(one, Pose)), None)
-        if first is None:
+        if not found.geometry:
             return cls(version, found, {})
-        laid = estimate(first, stretches(version.records), model, settings, refined)
+        laid = estimate(version.records, model, settings, refined)
         runs = {
             one.logged.end_index: Segment(
                 one.logged.end_index, *one.start, *one.end, errors.start, errors.end
