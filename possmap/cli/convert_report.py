@@ -113,7 +113,10 @@ def report(found: Sequence[Converted], output: Path, verbose: bool) -> None:
             _report_alignment(told["orthogonal"], verbose)
         for doubt in _doubts(one):
             click.echo(f"possmap: {name}: {doubt}", err=True)
-    click.echo(f"{printable(str(output))}: written")
+    grid = printable(f"{output.name.partition('.')[0]}.possmap")
+    click.echo(
+        f"{printable(str(output))}: written; next: possmap fuse {printable(str(output))} -g {grid}"
+    )
 
 
 def _report_alignment(told: dict[str, Any], verbose: bool) -> None:

@@ -74,7 +74,7 @@ def test_a_recording_is_converted_and_fused(clone: Path) -> None:
     assert left_out == (
         "  counted    441 ODOM lines, not needed beside laser lines that have poses"
     )
-    assert written == "hall.json: written"
+    assert written == "hall.json: written; next: possmap fuse hall.json -g hall.possmap"
     fused = run("fuse", "hall.json", "-g", "hall.possmap")
     assert fused.exit_code == 0 and "fused 1 log" in fused.stdout
 

@@ -19,7 +19,8 @@ from bags import BAG_LATER_S, FORMATS, START_S, Message, bag_ns, words_of, write
 from possmap.errors import RecordingError, SettingsError
 from possmap.lab.convert.samples import Samples, joined
 from possmap.lab.convert.tally import Tally
-from possmap.lab.recordings.mapping import Mapping, Nothing, Scan, SeatedAt, Table, Units
+from possmap.lab.recordings.beams import Scan, SeatedAt
+from possmap.lab.recordings.mapping import Mapping, Nothing, Table, Units
 from possmap.lab.recordings.rosbag.frames import UNKNOWN
 from possmap.lab.recordings.rosbag.recording import Clock, open_bag
 from possmap.lab.recordings.rosbag.topics import table_of

@@ -15,13 +15,14 @@ from possmap.errors import RecordingError
 from possmap.lab.convert.samples import Samples, joined
 from possmap.lab.convert.tally import Tally
 from possmap.lab.recordings import join as join_module
+from possmap.lab.recordings.beams import Beam
 from possmap.lab.recordings.join import (
     SAME_TIME,
     WITHOUT_HEADING,
     WITHOUT_POSE,
     Join,
 )
-from possmap.lab.recordings.mapping import Beam, Mapping, Table
+from possmap.lab.recordings.mapping import Mapping, Table
 from possmap.lab.recordings.readings import Readings
 
 GAP = 1.0

@@ -8,12 +8,11 @@ from pathlib import Path
 import pytest
 
 from possmap.errors import SettingsError
+from possmap.lab.recordings.beams import Beam, Scan
 from possmap.lab.recordings.mapping import (
-    Beam,
     Invalid,
     Mapping,
     Nothing,
-    Scan,
     Table,
     Units,
     find_mapping,

@@ -15,8 +15,9 @@ from possmap.errors import RecordingError, SettingsError
 from possmap.lab.convert.samples import Samples, joined
 from possmap.lab.convert.tally import Tally
 from possmap.lab.recordings import Source, open_recordings, read_mapping, tables
+from possmap.lab.recordings.beams import Scan
 from possmap.lab.recordings.clocks import SAME_TIME
-from possmap.lab.recordings.mapping import Mapping, Scan, Table
+from possmap.lab.recordings.mapping import Mapping, Table
 from possmap.lab.recordings.recording import Recording
 from possmap.lab.recordings.tables import open_tables
 

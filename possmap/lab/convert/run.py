@@ -32,6 +32,10 @@ APPLIED = ("drift", "turn_gain", "scale")
 """Parameters that are taken out of the track here, and so are not written into the log."""
 
 
+FARTHEST_WAY = 3e5
+"""A log of a longer way asks more work than the limits of ``check`` and ``fuse`` allow [m]."""
+
+
 @dataclass(frozen=True, slots=True)
 class Converted:
     """One recording, converted.
@@ -143,6 +147,12 @@ def _convert_one(
         raise RecordingError(
             recording.name,
             f"gave fewer than two poses, expected a track{tally.explanation()}",
+        )
+    if outcome.way > FARTHEST_WAY:  # no check would take it
+        raise RecordingError(
+            recording.name,
+            f"leads over {outcome.way / 1000:.0f} km, expected the way of a robot: are the units "
+            "of length, speed and time those of the recording?",
         )
     if request.models.is_silent_on(name[0]):
         tally.add(

@@ -17,6 +17,7 @@ import numpy as np
 from possmap.errors import RecordingError, printable
 from possmap.lab.convert.samples import Samples
 from possmap.lab.convert.tally import Tally
+from possmap.lab.recordings.beams import Beam, chosen, mounts_of
 from possmap.lab.recordings.carmen_line import (
     LASERS,
     ODOMETRY,
@@ -28,10 +29,10 @@ from possmap.lab.recordings.carmen_line import (
     time_word,
 )
 from possmap.lab.recordings.join import Join
-from possmap.lab.recordings.mapping import Beam, Table, chosen
 from possmap.lab.recordings.mapping import Mapping as ColumnMapping
+from possmap.lab.recordings.mapping import Table
 from possmap.lab.recordings.readings import Interpreter
-from possmap.lab.recordings.recording import BRIDGED, CHUNK_ROWS, Handling, Recording, mounts_of
+from possmap.lab.recordings.recording import BRIDGED, CHUNK_ROWS, Handling, Recording
 from possmap.lab.recordings.roles import Role
 from possmap.lab.recordings.stream import Progress, lines
 

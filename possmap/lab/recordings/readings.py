@@ -12,10 +12,12 @@ import numpy as np
 from possmap.errors import RecordingError
 from possmap.lab.convert.samples import Flags, Floats, unwrapped
 from possmap.lab.convert.tally import Tally
+from possmap.lab.recordings.beams import Beam
 from possmap.lab.recordings.clocks import Clock
 from possmap.lab.recordings.guard import JumpGuard
 from possmap.lab.recordings.leaps import Leaps
-from possmap.lab.recordings.mapping import WORTH, Beam, Mapping, Table, Ticks
+from possmap.lab.recordings.mapping import Mapping, Table, Ticks
+from possmap.lab.recordings.ranges import readable
 from possmap.lab.recordings.recording import Handling
 from possmap.lab.recordings.roles import HEADINGS, said
 
@@ -26,7 +28,6 @@ FASTEST = 1000.0
 """A faster robot has not been seen: such a velocity is not measured [m/s]."""
 
 _WITHOUT_NUMBER = "rows with NaN or infinity for a pose, skipped"
-_NO_MEANING = "readings that mean nothing, dropped"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -337,49 +338,6 @@ class Interpreter:
                 "the way computed up to here leads beyond ±1e9 m or rad, expected speeds or "
                 "ticks of a robot",
             )
-
-
-def readable(
-    ranges: Floats,
-    beams: Sequence[Beam],
-    mapping: Mapping,
-    longest: Floats | None,
-    tally: Tally,
-) -> Floats:
-    """Return readings as samples have them, with the angles of servos behind them.
-
-    Parameters
-    ----------
-    ranges
-        As the file has them; the angles of servos behind them [deg], (n, k).
-    longest
-        How far each row's sensor sees, as it says itself (n, 1) [m].
-    """
-    count = len(beams)
-    read, no_echo, none = ranges[:, :count], mapping.nothing, mapping.invalid
-    worth = np.array([WORTH[one.unit or mapping.units.range] for one in beams])
-    limit = np.array([min(one.max, no_echo.above) for one in beams])[None, :]
-    if longest is not None:
-        limit = np.minimum(limit, longest)
-    metres = read * worth
-    nothing = (metres >= limit) | np.isposinf(metres) | np.isin(read, no_echo.values)
-    missing = np.isnan(metres)  # no reading is no fault: not every row has one of every beam
-    invalid = (metres > none.above) | (metres <= none.below) | np.isin(read, none.values)
-    touches = np.array([one.contact is not None for one in beams])
-    invalid &= ~nothing & ~missing & ~touches
-    tally.add(_NO_MEANING, count=int(invalid.sum()))
-    found = np.where(nothing, -np.minimum(limit, none.above), np.where(invalid, np.nan, metres))
-    if touches.any():
-        found[:, touches] = np.where(read[:, touches] != 0, read[:, touches], np.nan)
-    servos = [index for index, one in enumerate(beams) if one.servo]
-    if not servos:
-        return found
-    sign = np.array([-1.0 if beams[index].clockwise else 1.0 for index in servos])
-    ahead = np.array([beams[index].ahead_deg for index in servos])
-    turned_by = sign * (np.radians(ranges[:, count:]) - ahead)
-    found[:, servos] = np.where(np.isfinite(turned_by), found[:, servos], np.nan)
-    turned_by = np.where(np.isnan(found[:, servos]), np.nan, turned_by)
-    return np.column_stack([found, turned_by])
 
 
 def of_quaternion(qx: Floats, qy: Floats, qz: Floats, qw: Floats) -> Floats:

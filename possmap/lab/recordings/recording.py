@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from possmap.lab.convert.samples import Mount, Samples
 from possmap.lab.convert.tally import Tally
 from possmap.lab.recordings.leaps import Jump
-from possmap.lab.recordings.mapping import Beam
 from possmap.lab.recordings.stream import Progress
 
 CHUNK_ROWS = 4096
@@ -53,18 +52,3 @@ class Recording:
     samples: Callable[[Tally, Progress | None], Iterator[Samples]]
     size: int
     unused: tuple[float, ...] = ()
-
-
-def mounts_of(
-    tables: Sequence[Sequence[Beam]],
-) -> tuple[list[tuple[int, int]], tuple[Mount, ...]]:
-    """Return how many beams and servos each table has, and how all beams sit on the robot.
-
-    tables : the beams that are used of each. Servos stand behind all beams in the samples' ranges.
-    """
-    servo = sum(map(len, tables))
-    mounts = []
-    for beam in (one for beams in tables for one in beams):
-        mounts.append(beam.mount(servo if beam.servo else None))
-        servo += beam.servo is not None
-    return [(len(one), sum(b.servo is not None for b in one)) for one in tables], tuple(mounts)

@@ -17,13 +17,14 @@ import numpy as np
 from possmap.errors import RecordingError, shown
 from possmap.lab.convert.samples import Floats, Samples
 from possmap.lab.convert.tally import Tally
+from possmap.lab.recordings.beams import Beam, mounts_of, used_beams
 from possmap.lab.recordings.clocks import Reader, stamps
 from possmap.lab.recordings.csv_rows import CsvColumns, Dialect, csv_rows, dialect_of, missing
 from possmap.lab.recordings.join import Join
 from possmap.lab.recordings.json_stream import entries
-from possmap.lab.recordings.mapping import Beam, Mapping, Table, used_beams
+from possmap.lab.recordings.mapping import Mapping, Table
 from possmap.lab.recordings.readings import Interpreter, Readings
-from possmap.lab.recordings.recording import BRIDGED, CHUNK_ROWS, Handling, Recording, mounts_of
+from possmap.lab.recordings.recording import BRIDGED, CHUNK_ROWS, Handling, Recording
 from possmap.lab.recordings.stream import Progress
 
 Row: TypeAlias = Any
@@ -134,7 +135,7 @@ def _plan(path: Path, table: Table, mapping: Mapping, wanted: Sequence[float]) -
     roles = {role: _by_path(place, row, column) for role, column in table.columns.items()}
     stamp = _stamp(roles, row, mapping)
     if table.scan is None:
-        beams = used_beams(table, wanted)
+        beams = used_beams(table.beams, wanted)
         named = [one.column for one in beams] + [one.servo for one in beams if one.servo]
         getters = tuple(_by_path(place, row, column) for column in named)
         return _Plan(path, table, tuple(beams), roles, getters, stamp=stamp)
@@ -162,7 +163,7 @@ def _csv_plan(
     roles = {role: find.index(column) for role, column in table.columns.items()}
     scan = table.scan
     if scan is None:
-        beams = used_beams(table, wanted)
+        beams = used_beams(table.beams, wanted)
         ranges = [find.index(one.column) for one in beams]
         ranges += [find.index(one.servo) for one in beams if one.servo]
     elif scan.count is None:

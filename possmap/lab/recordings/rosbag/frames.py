@@ -13,7 +13,7 @@ import numpy as np
 
 from possmap.errors import RecordingError, printable, shown
 from possmap.lab.convert.samples import Floats
-from possmap.lab.recordings.mapping import Beam
+from possmap.lab.recordings.beams import Beam
 from possmap.lab.recordings.rosbag.bag import Bag, Topic
 from possmap.lab.recordings.rosbag.fields import ODOMETRY, seconds
 

@@ -12,7 +12,8 @@ import numpy as np
 from possmap.core.ranges import LARGEST
 from possmap.errors import RecordingError, printable, shown
 from possmap.lab.convert.samples import Floats
-from possmap.lab.recordings.mapping import Beam, Mapping, Scan, Table, Units, chosen, used_beams
+from possmap.lab.recordings.beams import Beam, Scan, chosen, used_beams
+from possmap.lab.recordings.mapping import Mapping, Table, Units
 from possmap.lab.recordings.roles import Role
 from possmap.lab.recordings.rosbag.bag import Bag, Decoder, Topic, short
 from possmap.lab.recordings.rosbag.fields import (
@@ -195,7 +196,7 @@ def _named(fields: Fields, table: Table, wanted: Sequence[float]) -> _Ranges:
     """Return what is taken of the fields that a table names."""
     if table.scan is not None:
         return _list(fields, table.scan, wanted)
-    beams = used_beams(table, wanted)
+    beams = used_beams(table.beams, wanted)
     columns = [one.column for one in beams] + [one.servo for one in beams if one.servo]
     return _Ranges(beams, [fields.number(column) for column in columns])
 

@@ -12,12 +12,14 @@ import numpy as np
 from possmap.errors import RecordingError, did_you_mean, printable, shown
 from possmap.lab.convert.samples import Floats, Samples
 from possmap.lab.convert.tally import Tally
+from possmap.lab.recordings.beams import mounts_of
 from possmap.lab.recordings.join import Join
 from possmap.lab.recordings.mapping import Mapping, Table
 from possmap.lab.recordings.readings import Interpreter
-from possmap.lab.recordings.recording import BRIDGED, CHUNK_ROWS, Handling, Recording, mounts_of
+from possmap.lab.recordings.recording import BRIDGED, CHUNK_ROWS, Handling, Recording
 from possmap.lab.recordings.roles import PLACES, said
 from possmap.lab.recordings.rosbag.bag import STUBBORN, Bag, Topic, opened, short, size_of
+from possmap.lab.recordings.rosbag.covariance import Guess
 from possmap.lab.recordings.rosbag.fields import (
     LIMITS,
     ODOMETRY,
@@ -94,18 +96,24 @@ def open_bag(
         tally.add(UNREADABLE, f"{path} /tf", unreadable)
         gatherers = [_Gatherer(path, plan, tally, handling) for plan in used]
         total = max(1, sum({plan.topic.name: plan.topic.count for plan in used}.values()))
-        told = 0
+        told, guess = 0, Guess()
         with opened(path, again=True) as bag:
             for count in _gathered(bag, gatherers):
                 for number, gatherer in enumerate(gatherers):
                     gatherer.hand_to(join, number)
-                yield from join.samples()
+                found = list(join.samples())
+                for part in found:
+                    guess.drive(part)
+                    yield part
                 if progress is not None:
                     now = min(size, size * count // total)
                     progress(now - told)
                     told = now
         for gatherer in gatherers:
             gatherer.finish()
+            said = guess.words(gatherer.first, gatherer.last)
+            if said:
+                tally.note(said)
         yield from join.samples(last=True)
 
     unused = [one for plan in used for one in plan.table.beams if one not in plan.beams]
@@ -119,6 +127,8 @@ class _Gatherer:
         self.plan = plan
         self.rows: list[list[float]] = []
         self._name = f"{path} {printable(plan.topic.name)}"
+        self.first: object = None
+        self.last: object = None
         self._number = 0
         self._failed = 0
         self._tally = tally
@@ -150,6 +160,8 @@ class _Gatherer:
                 ) from error
             return
         self._failed = 0
+        self.first = self.first or message
+        self.last = message
         try:
             rows = plan.rows(message, stamp * 1e-9)
         except IndexError:  # a list may be shorter than in the first message

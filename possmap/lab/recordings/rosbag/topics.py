@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from possmap.errors import SettingsError, did_you_mean, shown
-from possmap.lab.recordings.mapping import Beam, Mapping, SeatedAt, Table
+from possmap.lab.recordings.beams import Beam, SeatedAt
+from possmap.lab.recordings.mapping import Mapping, Table
 from possmap.lab.recordings.roles import ROLES
 
 MOUNT = ("angle", "at_x", "at_y")
