@@ -119,7 +119,7 @@ class Words:
         header = self.header(t, frame)
         return self.new(RANGE, header=header, min_range=low, max_range=high, range=value)
 
-    def transforms(self, *given: Transform) -> Any:
+    def transforms(self, *given: Transform, t: float = 0.0) -> Any:
         """Return tf2_msgs/TFMessage."""
         found = []
         for parent, child, at, turn in given:
@@ -135,7 +135,7 @@ class Words:
             found.append(
                 self.new(
                     "geometry_msgs/msg/TransformStamped",
-                    header=self.header(0.0, parent),
+                    header=self.header(t, parent),
                     child_frame_id=child,
                     transform=transform,
                 )

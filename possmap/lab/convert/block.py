@@ -73,11 +73,11 @@ def converted(
     if settings.misses:
         endless = int(np.isneginf(samples.ranges[:, : len(mounts)]).sum())
         tally.add(ENDLESS, count=endless)
-    for mount, every in zip(mounts, hits(samples, mounts, settings.reach), strict=True):
+    for every in hits(samples, mounts, settings.reach):
         readings += int(every.seen.sum())
-        if mount.contact is not None:
-            sightings += _bumps(every, samples)
-            continue
+        if every.touched.any():
+            sightings += _bumps(every.part(every.touched), samples)
+            every = every.part(~every.touched)
         taken = samples.t[every.index]
         seen = without_echoes(every, taken, around, settings.echo, settings.echo_s, tally)
         passed, loose = walls_of(seen, samples, settings)

@@ -27,6 +27,7 @@ class Hits:
     start, end : of the beam, (m, 2) [m].
     seen : whether it ended at something, (m,); otherwise nothing was in sight up to its end.
     turned : where each looked, against the robot's heading [rad], (m,).
+    touched : whether it is what a switch touched, (m,).
     """
 
     index: Ints
@@ -34,12 +35,14 @@ class Hits:
     end: Floats
     seen: Flags
     turned: Floats
+    touched: Flags
 
     def part(self, kept: Flags) -> Hits:
         """Return some of them, by a flag each."""
         return Hits(
-            self.index[kept], self.start[kept], self.end[kept], self.seen[kept], self.turned[kept]
-        )
+            self.index[kept], self.start[kept], self.end[kept],
+            self.seen[kept], self.turned[kept], self.touched[kept],
+        )  # fmt: skip
 
 
 def hits(samples: Samples, mounts: Sequence[Mount], reach: float) -> list[Hits]:
@@ -65,13 +68,13 @@ def hits(samples: Samples, mounts: Sequence[Mount], reach: float) -> list[Hits]:
         if mount.servo is not None:
             turned += samples.ranges[index, mount.servo]
         length = read[index]
-        if mount.contact is not None:
-            length = np.full(len(index), mount.contact)
+        touched = np.isposinf(length)
+        length = np.where(touched, mount.contact or 0.0, length)
         seen = (length >= 0) & (length <= reach)
         length = np.where(seen, length, np.where(length < 0, np.minimum(-length, reach), reach))
         angle = samples.yaw[index] + turned
         end = start + length[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-        found.append(Hits(index, start, end, seen, turned))
+        found.append(Hits(index, start, end, seen, turned, touched))
     return found
 
 

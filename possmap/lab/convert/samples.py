@@ -22,8 +22,7 @@ class Mount:
     angle : of its beam against the robot's heading [rad], left positive.
     x, y : of the sensor in the robot's frame, x ahead [m].
     servo : in which column of the samples' ranges stands by how much a servo turns it [rad].
-    contact : of a switch, how far off it touches [m]: a reading means that it does; None: it
-    measures ranges.
+    contact : of a switch, how far off it touches [m]; None: at x and y.
     """
 
     angle: float
@@ -47,7 +46,8 @@ class Samples:
         Where its body looked [rad], shape (n,), without jumps of a full turn.
     ranges
         What the beams read [m], shape (n, b + s); NaN: no reading; below 0: nothing in sight up to
-        there, minus infinity: as far as one looks. Behind the beams the angles of their s servos.
+        there, minus infinity: as far as one looks; infinity: what a switch touches. Behind the
+        beams the angles of their s servos.
     begins
         Whether what comes before is no part of the same way.
     """

@@ -179,8 +179,6 @@ class Join:
             x, y = self._laid(parts[0], yaw, float(yaw[0]) if measured else 0.0)
         else:
             x, y = parts
-        if yaw is None:
-            yaw = self._travelled(x, y)
         ranges = np.full((len(times), self._width), np.nan)
         for number, moments in rows.items():
             taken = np.flatnonzero(np.isfinite(moments))
@@ -198,8 +196,11 @@ class Join:
         starts = np.flatnonzero(np.diff(piece, prepend=self._piece)).tolist()
         self._piece = float(piece[-1])
         for start, stop in pairwise(sorted({0, *starts, len(times)})):
-            cut = slice(start, stop)
-            yield Samples(times[cut], x[cut], y[cut], yaw[cut], ranges[cut], begins=start in starts)
+            cut, begins = slice(start, stop), start in starts
+            if begins:
+                self._last_place = None
+            looks = self._travelled(x[cut], y[cut]) if yaw is None else yaw[cut]
+            yield Samples(times[cut], x[cut], y[cut], looks, ranges[cut], begins)
 
     def _laid(self, way: Floats, yaw: Floats, first_yaw: float) -> tuple[Floats, Floats]:
         """Return x and y of a way of arcs, laid one behind the other from (0, 0) [m].

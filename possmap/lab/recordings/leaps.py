@@ -96,8 +96,7 @@ class Leaps:
         self._least = LEAST_STEP_M if max_speed is None else 0.0
         self._tally = tally
         self._period = 0.0
-        self._known = 0
-        self._seconds, self._steps = np.zeros(0), np.zeros(0)
+        self._known_t, self._known = np.zeros(0), np.zeros(0)
         self._first: tuple[Floats, float] | None = None
         self._last: _Row | None = None
         self._motion: _Motion | None = None
@@ -150,10 +149,10 @@ class Leaps:
                 then = n if found is None else found
                 keep[index:then] = False
                 what = BAD_ROWS if then - index <= LOOK_AHEAD else _WORDS["drop"]
-                self._tally.add(what, f"{self._name}:{int(lines[index])}", then - index)
+                self._tally.add(what, self._place(lines, t, index), then - index)
                 self._bad = (float(t[-1]), place[-1], 0.0) if found is None else None
                 continue
-            self._tally.add(_WORDS[self._how], f"{self._name}:{int(lines[index])}")
+            self._tally.add(_WORDS[self._how], self._place(lines, t, index))
             motion = _Motion(0.0, np.zeros(place.shape[1]))
             if self._how == "bridge" or rolled:
                 motion = self._bridged(before, place[index], float(heading[index]), turns)
@@ -164,25 +163,31 @@ class Leaps:
         self._last = self._before(n, t, place, heading, keep)
         return self._laid(starts, keep, place, yaw)
 
+    def _place(self, lines: Floats, t: Floats, index: int) -> str:
+        return f"{self._name}:{int(lines[index])}, t = {t[index]:.2f} s"
+
     def _learn(self, t: Floats, place: Floats) -> None:
         """Take from the first rows how far apart they are, and how fast the robot goes."""
-        assert self._last is not None
-        if self._known >= _LEARNT:
+        if len(self._known_t) >= _LEARNT:
             return
-        seconds = np.diff(t, prepend=self._last[0])
-        step = np.diff(place, axis=0, prepend=self._last[1][None])
-        self._seconds = np.concatenate([self._seconds, seconds])
-        self._steps = np.concatenate([self._steps, np.sqrt((step * step).sum(axis=1))])
-        passed = self._seconds[self._seconds > 0]
+        t = self._known_t = np.concatenate([self._known_t, t])
+        place = self._known = np.concatenate([self._known.reshape(-1, place.shape[1]), place])
+        seconds = np.diff(t)
+        passed = seconds[seconds > 0]
         self._period = float(np.median(passed)) if len(passed) else 0.0
-        speed = self._steps / np.maximum(self._seconds, self._period or 1.0)
-        moving = speed[speed > MOVES]
-        self._known = len(self._seconds)
-        if self._max_speed is None:
+        if self._max_speed is None and len(t) >= LEAST_ROWS:
+            # Where two frames are mixed, the row after the next is of the same frame again.
+            speed = np.min([self._speeds(t, place, lag) for lag in range(1, LOOK_AHEAD)], axis=0)
+            moving = speed[speed > MOVES]
             usual = float(np.median(moving)) if len(moving) else 0.0
             self._fastest = max(TIMES * usual, LEAST_SPEED)
-            if self._known < LEAST_ROWS:
-                self._fastest = math.inf
+
+    def _speeds(self, t: Floats, place: Floats, lag: int) -> Floats:
+        """Return how fast the robot went from each row to one behind it [m/s]."""
+        step = place[lag:] - place[:-lag]
+        seconds = np.maximum(t[lag:] - t[:-lag], lag * self._period or 1.0)
+        found: Floats = np.sqrt((step * step).sum(axis=1)) / seconds
+        return found[: len(t) - LOOK_AHEAD + 1]
 
     def _suspects(self, t: Floats, place: Floats) -> list[int]:
         assert self._last is not None

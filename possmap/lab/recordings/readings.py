@@ -17,7 +17,7 @@ from possmap.lab.recordings.clocks import Clock
 from possmap.lab.recordings.guard import JumpGuard
 from possmap.lab.recordings.leaps import Leaps
 from possmap.lab.recordings.mapping import Mapping, Table, Ticks
-from possmap.lab.recordings.ranges import readable
+from possmap.lab.recordings.ranges import Ranges
 from possmap.lab.recordings.recording import Handling
 from possmap.lab.recordings.roles import HEADINGS, said
 
@@ -92,7 +92,7 @@ class Interpreter:
     ) -> None:
         self._name = name
         self._mapping = mapping
-        self._beams = beams
+        self._ranges = Ranges(beams, mapping, tally)
         self._heading = next(iter(said(HEADINGS, table.columns)), None)
         self._tally = tally
         self._clock = Clock(name, tally)
@@ -176,7 +176,7 @@ class Interpreter:
                 ranges = None if ranges is None else ranges[keep]
                 longest = None if longest is None else longest[keep]
             if ranges is not None:
-                ranges = readable(ranges, self._beams, self._mapping, longest, self._tally)
+                ranges = self._ranges.read(ranges, longest)
             t = self._clock.ordered(t, self._what(columns), ranges, lines)
             return self._settled(t, columns, ranges, lines)
 

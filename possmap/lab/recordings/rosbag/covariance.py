@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from possmap.core.model import ErrorModel
-from possmap.lab.convert.samples import Samples
+from possmap.lab.convert.samples import Samples, joined
 
 LEAST_WAY_M = 1.0
 """A shorter way tells nothing of what grows along it [m]."""
@@ -22,10 +22,13 @@ class Guess:
 
     def __init__(self) -> None:
         self._way = 0.0
+        self._last: Samples | None = None
 
     def drive(self, samples: Samples) -> None:
         """Take in the next samples."""
-        self._way += float(np.hypot(np.diff(samples.x), np.diff(samples.y)).sum())
+        whole = samples if self._last is None else joined([self._last, samples])
+        self._way += float(np.hypot(np.diff(whole.x), np.diff(whole.y)).sum())
+        self._last = samples.part(-1)
 
     def words(self, first: Any, last: Any) -> str:
         """Return what the covariances of the first and last message suggest; empty for nothing.

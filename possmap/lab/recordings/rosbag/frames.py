@@ -179,8 +179,12 @@ class Frames:
         return found
 
     def choices(self) -> list[str]:
-        """Return the frames that move in others, as ``--topic /tf:`` takes them."""
+        """Return the frames that move in others, as ``--topic /tf:`` takes them; likely ones first.
+
+        A body that moves in the odometry's frame is what a robot's wheels tell.
+        """
         moving = [link for link, hung in self._links.items() if hung.moves]
+        moving.sort(key=lambda link: (link[1] not in _BODIES, link[0] != "odom"))
         return [f"{parent}.{child}" for parent, child in moving]
 
     def poses(self, topic: Topic, frames: str | None) -> TfPoses:

@@ -101,8 +101,7 @@ def open_bag(
             for count in _gathered(bag, gatherers):
                 for number, gatherer in enumerate(gatherers):
                     gatherer.hand_to(join, number)
-                found = list(join.samples())
-                for part in found:
+                for part in join.samples():
                     guess.drive(part)
                     yield part
                 if progress is not None:
@@ -111,10 +110,13 @@ def open_bag(
                     told = now
         for gatherer in gatherers:
             gatherer.finish()
-            said = guess.words(gatherer.first, gatherer.last)
-            if said:
-                tally.note(said)
-        yield from join.samples(last=True)
+        for part in join.samples(last=True):
+            guess.drive(part)
+            yield part
+        for gatherer in gatherers:
+            suggested = guess.words(gatherer.first, gatherer.last)
+            if suggested:
+                tally.note(suggested)
 
     unused = [one for plan in used for one in plan.table.beams if one not in plan.beams]
     return Recording(path.name, mounts, samples, size, tuple(one.angle for one in unused))
