@@ -69,7 +69,7 @@ def drive(
 
 
 def seen(x: float, y: float, angle: float, walls: Sequence[Wall]) -> float:
-    """Return how far it is to the nearest wall [m], infinity if there is none."""
+    """Return how far it is to the nearest wall [m], minus infinity if there is none."""
     cos, sin = math.cos(angle), math.sin(angle)
     nearest = math.inf
     for x0, y0, x1, y1 in walls:
@@ -80,4 +80,4 @@ def seen(x: float, y: float, angle: float, walls: Sequence[Wall]) -> float:
             share = ((x0 - x) * sin - (y0 - y) * cos) / cross
             if along > 0 and 0 <= share <= 1:
                 nearest = min(nearest, along)
-    return nearest
+    return nearest if nearest < math.inf else -math.inf

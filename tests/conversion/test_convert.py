@@ -136,7 +136,7 @@ def test_readings_on_no_wall_stay_beams_and_repeated_ones_are_told_once() -> Non
 
 
 def test_misses_are_kept_on_demand_and_thinned() -> None:
-    read = np.full((101, 1), np.inf)
+    read = np.full((101, 1), -np.inf)
     track = samples(0.05 * np.arange(101), np.zeros(101), np.zeros(101), read)
     assert not of_kind(converted(track, [Mount(0.0)])[0][0], "beam")
     beams = of_kind(converted(track, [Mount(0.0)], misses=True)[0][0], "beam")

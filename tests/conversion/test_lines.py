@@ -77,7 +77,7 @@ def test_single_wild_readings_stay_beams_and_do_not_end_the_wall() -> None:
 
 def test_a_door_splits_the_wall_and_both_pieces_end_at_its_jambs() -> None:
     ranges = np.full(81, 0.7)
-    ranges[30:50] = np.inf
+    ranges[30:50] = -np.inf
     first, second = walls_in(past(ranges), LEFT)[0]
     assert first.end == pytest.approx((1.45, 0.7)) and second.point(
         second.along[0]
