@@ -14,7 +14,7 @@ from possmap.core.model import ErrorModel
 from possmap.core.propagation import StretchErrors
 from possmap.core.records import PartialMap, Pose, Wall
 from possmap.core.settings import EvidenceSettings
-from possmap.core.track import Stretch, stretches
+from possmap.core.track import Stretch, fixes, stretches
 from possmap.core.walls import (
     LEAST_LENGTH_M,
     LEAST_SPREAD_DEG,
@@ -88,9 +88,23 @@ def cut(version: PartialMap, model: ErrorModel, settings: EvidenceSettings) -> E
         **_turns(groups, before, first, model),
         seen=np.array(seen, dtype=np.float64).reshape(-1, 3),
         sightings=tuple(sightings),
+        fixed=_fixed(version, frame),
         poses=np.array(poses),
         frame=frame,
     )
+
+
+def _fixed(version: PartialMap, frame: Frame) -> Floats:
+    """Return where the robot was known to be, as ``Excursion.fixed``."""
+    told = [(number, one) for number, some in fixes(version.records).items() for one in some]
+    halves = frame.half_back(
+        np.array([(one.error_x, one.error_y) for _, one in told]).reshape(-1, 2)
+    )
+    rows = [
+        (number, *frame.turned((one.x, one.y)), *half)
+        for (number, one), half in zip(told, halves.tolist(), strict=True)
+    ]
+    return np.array(rows, dtype=np.float64).reshape(-1, 5)
 
 
 def _turns(

@@ -76,6 +76,13 @@ class Problem:
         self._a, self._b = told["a"], told["b"]
         self.low, self.high = told["low"], told["high"]
         self.noise_sd = told["half_width"] / factor[self.sighting_owner]
+        fixed_owner = np.repeat(np.arange(len(runs)), [len(one.fixed) for one in excursions])
+        fixed = _of_runs(excursions, "fixed")
+        poses = [one.poses[one.fixed[:, 0].astype(np.int64), :3] for one in excursions]
+        run, self._fixed_a, self._fixed_b = np.concatenate(poses).T
+        self._fixed_node = self.node[run.astype(np.int64) + self.first_run[fixed_owner]]
+        self._fixed = fixed[:, 1:3]
+        self._fixed_sd = fixed[:, 3:] / factor[fixed_owner, None]
 
     def laid_out(self) -> Floats:
         """Return the nodes as the filter's runs make them, one behind the other [m]."""
@@ -125,17 +132,20 @@ class Problem:
         h = 3 * self.node[direction] + 2
         system.add([h], [np.ones(len(h))], -self.seen_off, seen * self.seen_sd**-2.0)
         used = wall_of >= 0
-        k, normal = 3 * self.node[self._sighting_run[used]], self.normal[used]
-        a, b = self._a[used], self._b[used]
-        turned = np.where(normal == 0, -b, b)
+        node, normal = self.node[self._sighting_run[used]], self.normal[used]
         system.add(
-            [k + normal, k + 1 - normal, k + 3 + normal, k + 4 - normal],
-            [1 - a, -turned, a, turned],
-            np.zeros(len(k)),
+            *_place(node, normal, self._a[used], self._b[used]),
+            np.zeros(len(node)),
             weights[used] * self.noise_sd[used] ** -2,
             [OWN * system.blocks + wall_of[used]],
-            [-np.ones(len(k))],
+            [-np.ones(len(node))],
         )
+        for axis in (0, 1):
+            system.add(
+                *_place(self._fixed_node, axis, self._fixed_a, self._fixed_b),
+                self._fixed[:, axis],
+                self._fixed_sd[:, axis] ** -2,
+            )
         return system.solve(with_variances)
 
     def _add_tracks(self, system: Bordered, heading: Floats) -> None:
@@ -179,6 +189,13 @@ class Problem:
             [-self._parts, -self._drifted],
         )
         system.add([x + 2], [one_each], 0 * one_each, self._aligned_sd**-2.0)
+
+
+def _place(node: Ints, axis: Ints | int, a: Floats, b: Floats) -> tuple[list[Ints], list[Floats]]:
+    """Return columns and values of a coordinate at the shares a and b of runs' chords."""
+    k, turned = 3 * node, np.where(np.asarray(axis) == 0, -b, b)
+    columns = [k + axis, k + 1 - axis, k + 3 + axis, k + 4 - axis]
+    return columns, [1 - a, -turned, a, turned]
 
 
 def _of_runs(excursions: Sequence[Excursion], name: str) -> Floats:

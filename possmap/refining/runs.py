@@ -98,6 +98,8 @@ class Excursion:
         Directions of walls: run, how far off the axes [rad], half-width [rad]; shape (n, 3).
     sightings
         Walls seen.
+    fixed
+        Where somebody knew it to be: number of the pose, place and half-widths [m]; shape (n, 5).
     poses
         Of each pose the run, the shares a and b of its chord and the filter's heading error [rad];
         then, in the site's frame, place and half-widths of the filter [m]; shape (poses, 8).
@@ -117,6 +119,7 @@ class Excursion:
     aligned_half: Floats
     seen: Floats
     sightings: tuple[Sighting, ...]
+    fixed: Floats
     poses: Floats
     frame: Frame
 

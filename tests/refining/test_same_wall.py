@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from possmap.core.evidence import findings
-from possmap.core.records import PartialMap, Wall
+from possmap.core.records import Fix, PartialMap, Pose, Wall
 from possmap.grid.refined import as_bytes
 from possmap.refining.refine import Refinement, refine
 
@@ -84,6 +85,21 @@ def test_the_two_faces_of_a_thin_wall_stay_two() -> None:
     faces = sorted(wall.line[1] for wall in found.walls)
     assert faces == pytest.approx([1.0, 1.1], abs=0.04)
     assert not found.rivals
+
+
+def test_who_is_known_to_have_ended_elsewhere_takes_along_who_saw_the_same_wall() -> None:
+    outings = [straying("r1", 1.5), straying("r2", -1.5)]
+    free = refined(outings)
+    one = outings[0]
+    last = max(number for number, record in enumerate(one.records) if isinstance(record, Pose))
+    end = findings(one, SETTINGS.model, SETTINGS, free.tracks[one.name]).geometry[last]
+    fix = Fix(one.records[-1].seq + 1, None, end.x, end.y + 0.04, 0.005, 0.005)
+    fixed = [replace(one, records=(*one.records, fix)), outings[1]]
+    found = refined(fixed)
+    there = findings(fixed[0], SETTINGS.model, SETTINGS, found.tracks[one.name]).geometry[last]
+    assert (there.x, there.y) == pytest.approx((fix.x, fix.y), abs=0.01)
+    moved = np.subtract(heights(fixed, found), heights(outings, free))
+    assert (moved > 0.005).all(), "the other robot, too"
 
 
 def test_a_wrong_wall_planted_on_purpose_is_named() -> None:
