@@ -129,8 +129,7 @@ def calibrate(
     scores: Mapping[str, Score | None]
     if model is not None:
         judged, notes = check_files(model, trials, request, bytes_read)
-        told = {"model": str(model), "robots": {one.robot: _dict(one) for one in judged}}
-        told["notes"] = notes
+        told = {"model": str(model), "robots": {one.robot: one for one in judged}, "notes": notes}
         scores = {one.robot: one.heading for one in judged}
         lines = [line for one in judged for line in judgement_lines(one)]
     else:
@@ -145,7 +144,7 @@ def calibrate(
         lines = [line for one in found.everyone for line in report_lines(one, found, verbose)]
         lines.append(f"{output}: written")
     if as_json:
-        click.echo(json.dumps(_plain(told)))
+        click.echo(to_text(told))
     elif not ctx.obj["quiet"]:
         click.echo("\n".join(lines))
     for note in notes:
@@ -211,17 +210,14 @@ def _request(
 
 
 def to_json(found: Calibration, output: Path) -> dict[str, Any]:
-    """Return a calibration as JSON holds it; what is not known is null."""
-    whole: dict[str, Any] = _plain(
-        {
-            "output": str(output),
-            "robots": {one.robot: _robot(one) for one in found.robots},
-            "pooled": found.pooled and _robot(found.pooled),
-            "refused": dict(found.refused),
-            "notes": list(found.notes),
-        }
-    )
-    return whole
+    """Return a calibration as JSON holds it."""
+    return {
+        "output": str(output),
+        "robots": {one.robot: _robot(one) for one in found.robots},
+        "pooled": found.pooled and _robot(found.pooled),
+        "refused": found.refused,
+        "notes": found.notes,
+    }
 
 
 def _robot(one: RobotResult) -> dict[str, Any]:
@@ -229,52 +225,51 @@ def _robot(one: RobotResult) -> dict[str, Any]:
     from possmap.lab.calibrate.words import findings, leftover, plain
 
     validation = one.validation
-    held_out = validation and {
-        "heading": _dict(one.heading),
-        "linear": _dict(one.linear),
-        "paper": _dict(validation.paper),
-        "all_terms": _dict(validation.full),
-        "without": {
-            name: _dict(worth.without)
-            | {"gain": worth.gain, "error": worth.error, "earned": worth.earned}
-            for name, worth in validation.worth.items()
-        },
-    }
     return {
         "trials": len(one.trials),
         "runs": one.fit.heading.runs,
         "turns": one.fit.heading.turns,
         "days": one.fit.days,
         "factor": one.parameters.get("factor"),
-        "model": dict(one.parameters),
-        "estimates": {name: dataclasses.asdict(told) for name, told in one.estimates.items()},
-        "left_out": list(one.dropped),
-        "tests": {name: test and test._asdict() for name, test in one.tests.items()},
-        "held_out": held_out,
-        "legs": [leg._asdict() for leg in one.legs],
+        "model": one.parameters,
+        "estimates": one.estimates,
+        "left_out": one.dropped,
+        "tests": one.tests,
+        "held_out": validation
+        and {
+            "heading": one.heading,
+            "linear": one.linear,
+            "paper": validation.paper,
+            "all_terms": validation.full,
+            "without": {
+                name: worth.without._asdict()
+                | {"gain": worth.gain, "error": worth.error, "earned": worth.earned}
+                for name, worth in validation.worth.items()
+            },
+        },
+        "legs": one.legs,
         "left_over": leftover(one),
         "plain": plain(one),
-        "verdict": list(findings(one)),
-        "notes": list(notes(one)),
+        "verdict": tuple(findings(one)),
+        "notes": tuple(notes(one)),
     }
 
 
-def _dict(value: Any) -> Any:
-    """Return a named tuple, and those within it, as JSON's objects."""
-    if hasattr(value, "_asdict"):
-        return {name: _dict(one) for name, one in value._asdict().items()}
-    return [_dict(one) for one in value] if isinstance(value, tuple) else value
+def to_text(value: Any) -> str:
+    """Return a value as JSON; what JSON has no word for, or is not known, is null."""
 
+    def plain(value: Any) -> Any:
+        if dataclasses.is_dataclass(value):
+            value = {part.name: getattr(value, part.name) for part in dataclasses.fields(value)}
+        elif hasattr(value, "_asdict"):
+            value = value._asdict()
+        if isinstance(value, Mapping):
+            return {key: plain(one) for key, one in value.items()}
+        if isinstance(value, list | tuple):
+            return [plain(one) for one in value]
+        return None if isinstance(value, float) and not math.isfinite(value) else value
 
-def _plain(value: Any) -> Any:
-    """Return a value without what JSON has no word for."""
-    if isinstance(value, dict):
-        return {key: _plain(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value
+    return json.dumps(plain(value))
 
 
 def report_lines(one: RobotResult, found: Calibration, verbose: bool) -> Iterator[str]:
@@ -315,7 +310,8 @@ def judgement_lines(one: Judgement) -> Iterator[str]:
                 f"{score.heading_coverage:.0%} of {score.headings} headings within "
                 f"±{score.heading_half:.1f} deg (asked: 97 %)"
             )
-        yield f"{one.robot}: {name}: {', '.join(said)}"
+        if said:
+            yield f"{one.robot}: {name}: {', '.join(said)}"
     yield from (_leg_line(leg, "") for leg in one.legs if leg.estimator == "heading")
     yield from (f"  ! {doubt}" for doubt in doubts(one.heading))
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from possmap.cli.calibrate import to_json
+from possmap.cli.calibrate import to_json, to_text
 from possmap.core.model import ErrorModel
 from possmap.lab.calibrate.report import sheet
 from possmap.lab.calibrate.robots import calibrate
@@ -57,7 +57,9 @@ def test_a_sound_model_comes_of_them_or_a_reason(some: list[Trial]) -> None:
         for name, told in one.estimates.items():
             if math.isfinite(told.value):
                 assert told.low <= told.value <= told.high, name
-    text = json.dumps(to_json(found, Path("model.yaml")), allow_nan=False)
-    assert json.loads(text)["robots"].keys() == {one.robot for one in found.robots}
+    text = to_text(to_json(found, Path("model.yaml")))
+    assert "NaN" not in text and json.loads(text)["robots"].keys() == {
+        one.robot for one in found.robots
+    }
     if found.robots:
         sheet(found)

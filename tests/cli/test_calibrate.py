@@ -359,6 +359,22 @@ def test_a_truth_of_other_units_is_asked_about(
     assert result.exit_code == 1 and words in result.stderr
 
 
+def test_an_end_farther_off_than_the_way_is_a_slip_and_many_are_of_another_unit(
+    tmp_path: Path,
+) -> None:
+    head, *rows = TRIALS.read_text().splitlines()[:81]
+    slipped = rows[7].split(",")
+    slipped[4:6] = ["-2.9", "2.8"]
+    (tmp_path / "own.csv").write_text("\n".join([head, *rows[:7], ",".join(slipped), *rows[8:]]))
+    told = found(tmp_path / "own.csv", "-o", tmp_path / "model.yaml")
+    assert isinstance(told["robots"], dict) and "own.csv:9 (" in str(told["robots"]["r1"]["notes"])
+    cm = [row.split(",") for row in rows]
+    cm = [[*row[:4], str(100 * float(row[4])), str(100 * float(row[5])), *row[6:]] for row in cm]
+    (tmp_path / "cm.csv").write_text("\n".join([head, *map(",".join, cm)]))
+    result = calibrate(tmp_path / "cm.csv", "-o", tmp_path / "other.yaml")
+    assert result.exit_code == 1 and "m that were run: metres?" in result.stderr
+
+
 def test_trials_are_left_out_by_their_place(tmp_path: Path) -> None:
     words = ["--leave-out", "trials.csv:5", "--leave-out", "7", "-o", tmp_path / "model.yaml"]
     result = calibrate(TRIALS, *words)

@@ -60,8 +60,7 @@ class Score(NamedTuple):
 class HeldTrials:
     """Errors left, and half-widths, of n trials; NaN where a trial tells nothing.
 
-    error, half : along x, along y [m] and of the heading [deg], shape (n, 3). x is the way the
-    trial was asked to run.
+    error, half : along x (the way asked to run), along y [m] and of the heading [deg], (n, 3).
     """
 
     error: Floats
@@ -112,9 +111,8 @@ def _held_trial(trial: Trial, model: ErrorModel, estimator: Estimator) -> tuple[
     """Return errors left and half-widths of one trial; poses begin turned away, and end ahead."""
     parts = math.ceil(abs(trial.turn) / 120) if abs(trial.turn) > WRAPPED_DEG else 1
     poses = [Pose(k, None, 0.0, 0.0, trial.turn * (k / parts - 1)) for k in range(parts + 1)]
-    bend = 0.0
+    bend = trial.bend if trial.distance > 0 else 0.0
     if trial.distance > 0:
-        bend = trial.bend
         poses.append(Pose(len(poses), None, trial.distance, 0.0, bend))
     found = estimate(poses, model, EvidenceSettings(estimator=estimator))
     end, last = found.stretches[-1], found.errors[-1]
@@ -171,15 +169,15 @@ def folds(trials: Sequence[Trial], rng: np.random.Generator) -> tuple[NDArray[np
         groups.setdefault(trial.day if by_day else trial.outing, []).append(index)
     several = list(groups.values())
     keys = rng.permutation(len(several))
-    order = sorted(range(len(several)), key=lambda k: (_kind(trials[several[k][0]]), keys[k]))
+    kinds = [
+        (round(one.turn / 10), round(4 * math.log(max(one.distance, 0.1))))
+        for one in (trials[group[0]] for group in several)
+    ]
+    order = sorted(range(len(several)), key=lambda k: (kinds[k], keys[k]))
     found = np.empty(len(trials), dtype=np.intp)
     for place, k in enumerate(order):
         found[several[k]] = place % min(FOLDS, len(several))
     return found, by_day
-
-
-def _kind(trial: Trial) -> tuple[int, int]:
-    return round(trial.turn / 10), round(4 * math.log(max(trial.distance, 0.1)))
 
 
 def cross_validate(trials: Sequence[Trial], rng: np.random.Generator) -> Validation | None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,19 +35,18 @@ LIKE, UNLIKE, LEAST_MOVED = 2.0, 0.5, 0.3
 different units; where the odometry moved so far [m, rad] at least."""
 
 
-@dataclass(frozen=True, eq=False)
-class Paired:
+class Paired(NamedTuple):
     """Odometry, and the truth at its stamps; n of each.
 
-    samples, true : shape (n,). known : whether a truth stands near. breaks : whether a track ends
-    behind a sample, (n - 1,). notes : what was found, a sentence each.
+    breaks : whether a track ends behind a sample, since a truth is missing or one of the two jumps,
+    (n - 1,). known : whether a truth stands near, (n,). notes : what was found, a sentence each.
     """
 
     samples: Samples
     true: Samples
     known: Flags
     breaks: Flags
-    notes: tuple[str, ...]
+    notes: list[str]
 
 
 def paired(samples: Samples, true: Reference, lag: float | None, path: str) -> Paired:
@@ -88,7 +88,7 @@ def paired(samples: Samples, true: Reference, lag: float | None, path: str) -> P
             f"{path}: truth and odometry part in one step {int(jumps.sum())} times (first at "
             f"t = {first:.2f} s): a jump of one of them; trials end before and begin after it"
         )
-    return Paired(samples, there, known, jumps | ~both, tuple(notes))
+    return Paired(samples, there, known, jumps | ~both, notes)
 
 
 def lag_of(samples: Samples, true: Reference) -> float:

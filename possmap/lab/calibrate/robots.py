@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
@@ -98,11 +98,10 @@ class RobotResult:
     mount: float = 0.0
     stays: Mapping[str, float] = field(default_factory=dict)
 
-    @property
-    def is_clear(self) -> Callable[[Term], bool]:
+    def has(self, name: Term) -> bool:
         """Whether a term is there beyond doubt: it earns its place, or is surely not nothing."""
         worth = self.validation.worth if self.validation is not None else {}
-        return lambda name: (name in worth and worth[name].earned) or is_clear(self.fit, name)
+        return (name in worth and worth[name].earned) or is_clear(self.fit, name)
 
 
 @dataclass(frozen=True, eq=False)

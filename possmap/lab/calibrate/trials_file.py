@@ -33,6 +33,9 @@ _FARTHEST = 1e6
 FARTHEST_DEG = 90.0
 """No robot errs by more: such a heading is itself told, not its error [deg]."""
 
+MOST_FAR = 0.05
+"""This share of ends may lie farther off than the robot ran: slips. More are of another unit."""
+
 MOST, MOST_SHARE, CHANCE = 3, 0.1, 0.001
 """So many trials, or this share of all, may be like an earlier one, unless a coarse ruler says so
 of more; which it does by chance so rarely."""
@@ -72,6 +75,14 @@ def read_trials(path: Path, limits: Limits | None = None) -> list[Trial]:
         raise LogError(source.name, f"is empty, expected a header with {', '.join(REQUIRED)}")
     if not found:
         raise LogError(source.name, "holds no trials below its header")
+    far = [one for one in found if one.is_run and abs(one.along) + abs(one.across) > one.distance]
+    if len(far) > MOST_FAR * len(found):
+        one = far[0]
+        raise LogError(
+            one.place,
+            f"along and across, found {one.along:g} and {one.across:g}, expected an end no farther "
+            f"off than the {one.distance:g} m that were run: metres?",
+        )
     return found
 
 
@@ -125,12 +136,6 @@ def _trial(fields: Mapping[str, str], place: str) -> Trial:
         raise LogError(
             place,
             f"heading, found nothing, expected it for a trial that runs less than {LEAST_RUN_M} m",
-        )
-    if distance >= LEAST_RUN_M and abs(along) + abs(across) > distance:
-        raise LogError(
-            place,
-            f"along and across, found {along:g} and {across:g}, expected an end no farther off "
-            f"than the {distance:g} m that were run: metres?",
         )
     if abs(heading) > FARTHEST_DEG:
         raise LogError(

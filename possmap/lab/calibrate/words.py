@@ -84,7 +84,7 @@ def _of_the_paper(result: RobotResult) -> str:
     elif isinstance(independent, Independence) and independent.sizes_p < level:
         against.append("large errors along and across come together")
     lacking: tuple[Term, ...] = ("turn_gain", "drift", "scale")
-    missing = [name for name in lacking if name in result.parameters and result.is_clear(name)]
+    missing = [name for name in lacking if name in result.parameters and result.has(name)]
     if missing:
         against.append(f"it lacks {', '.join(missing)}, which this robot clearly has")
     bias = result.estimates.get("turn_bias")
