@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from possmap.lab.recordings import Mapping
 
 
+_FIX = "end=X,Y,±M or end=reference,±M"
+
+
 class _Range(click.FloatRange):
     """Numbers in a range; click lets NaN, which is in none, pass."""
 
@@ -50,6 +53,25 @@ def _errors(ctx: click.Context, param: click.Parameter, value: str) -> Any:
 def _starts(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -> Any:
     found = [_errors(ctx, param, one) for one in value]
     return tuple((x, y, math.radians(heading)) for x, y, heading in found)
+
+
+def _fixes(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -> Any:
+    from possmap.lab.convert.legs import EndFix
+
+    found = []
+    for text in value:
+        what = f"{_FIX}, M > 0"
+        where, _, said = text.partition("=")
+        place, _, half = said.replace("±", "").rpartition(",")
+        (error,) = _numbers(half, 1, what)
+        if where.strip().lower() != "end" or error <= 0:
+            raise click.BadParameter(f"found {text!r}, expected {what}")
+        if place == "reference":
+            found.append(EndFix(error))
+        else:
+            x, y = _numbers(place, 2, what)
+            found.append(EndFix(error, (x, y)))
+    return tuple(found)
 
 
 def _radians(ctx: click.Context, param: click.Parameter, value: float) -> float:
@@ -109,6 +131,11 @@ def _angles(ctx: click.Context, param: click.Parameter, value: str) -> Any:
 @click.option(
     "--start-error", "errors", default="0,0,0", show_default=True, metavar="X,Y,DEG",
     callback=_errors, help="How wrong a start may be: half-widths.",
+)  # fmt: skip
+@click.option(
+    "--fix", "fixes", multiple=True, metavar="end=X,Y,±M", callback=_fixes,
+    help="Where a recording truly ended, to M metres; once for each source. end=reference,±M: each "
+    "excursion ends where the reference has it.",
 )  # fmt: skip
 @click.option(
     "--reference", type=click.Path(exists=True, path_type=Path), metavar="FILE",

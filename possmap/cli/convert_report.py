@@ -88,7 +88,7 @@ def report(found: Sequence[Converted], output: Path, verbose: bool) -> None:
         records, strays = told["records"], told["strays_m"]
         kinds = [
             plural(records[kind], kind)
-            for kind in ("pose", "wall", "beam", "corner")
+            for kind in ("pose", "wall", "beam", "corner", "fix")
             if kind in records
         ]
         click.echo(

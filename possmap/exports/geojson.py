@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any, BinaryIO
 
 from possmap.core.evidence import Geometry
+from possmap.core.records import Corner, Fix
 from possmap.exports.job import Job, Outing, tidy
 from possmap.exports.outline import Polygon, metres, outlines
 
@@ -21,7 +22,7 @@ def write_geojson(job: Job, streams: Sequence[BinaryIO]) -> None:
     """Write one FeatureCollection in metres of the site frame, a feature a line.
 
     ``properties.kind`` says what a feature is: ``track``, ``wall``, ``wall_error``, ``corner``,
-    ``outline`` (of what is known), ``occupied`` or ``free`` (by the thresholds).
+    ``fix``, ``outline`` (of what is known), ``occupied`` or ``free`` (by the thresholds).
 
     Raises
     ------
@@ -71,15 +72,19 @@ def _features(outing: Outing) -> Iterator[Feature]:
         if len(ring) > 2:  # without an error there is no area
             polygon = {"type": "Polygon", "coordinates": [_closed(ring)]}
             yield _feature(polygon, {"kind": "wall_error", **said})
-    for corner, at in outing.corners:
+    points: list[tuple[str, Corner | Fix, Geometry, Feature]] = [
+        ("corner", one, at, {"corner": one.corner}) for one, at in outing.corners
+    ]
+    points += [("fix", fix, at, {}) for fix, at in outing.fixes]
+    for kind, one, at, said in points:
         yield _feature(
             {"type": "Point", "coordinates": _point(at.x, at.y)},
             {
-                "kind": "corner",
+                "kind": kind,
                 **whose,
-                "seq": corner.seq,
-                "t": corner.t,
-                "corner": corner.corner,
+                "seq": one.seq,
+                "t": one.t,
+                **said,
                 "half_x": tidy(at.rect.half_x),
                 "half_y": tidy(at.rect.half_y),
             },

@@ -13,7 +13,8 @@ from numpy.typing import DTypeLike, NDArray
 
 from possmap.core.evidence import Geometry
 from possmap.core.lattice import TILE, Window
-from possmap.core.records import Corner, Pose, Wall
+from possmap.core.propagation import ErrorRectangle
+from possmap.core.records import Corner, Fix, Pose, Wall
 from possmap.core.views import VIEWS
 from possmap.errors import OutputError, printable, shown
 from possmap.grid.grid import MOST_CELLS, Grid
@@ -176,6 +177,12 @@ class Job:
                     found.walls.append((record, at))
                 elif isinstance(record, Corner) and self._reaches([at]):
                     found.corners.append((record, at))
+            for record in records:
+                if isinstance(record, Fix):
+                    rect = ErrorRectangle(record.error_x, record.error_y)
+                    at = Geometry.of_point(record.x, record.y, rect)
+                    if self._reaches([at]):
+                        found.fixes.append((record, at))
             if not self._reaches([at for _, at in found.poses]):
                 found.poses.clear()
             yield found
@@ -199,6 +206,7 @@ class Outing:
     poses: list[tuple[Pose, Geometry]] = field(default_factory=list)
     walls: list[tuple[Wall, Geometry]] = field(default_factory=list)
     corners: list[tuple[Corner, Geometry]] = field(default_factory=list)
+    fixes: list[tuple[Fix, Geometry]] = field(default_factory=list)
 
 
 def bands(window: Window, from_top: bool = False, most: int = MOST) -> Iterator[Window]:

@@ -185,6 +185,17 @@ class Ledger:
             )
         )
 
+    def fixes(self, window_m: tuple[float, float, float, float]) -> NDArray[np.float64]:
+        """Return where somebody said that robots truly were, in rows as of ``places``."""
+        x0, y0, x1, y1 = window_m
+        return _places(
+            self._database.all(
+                "SELECT excursion, number, x, y, error_x, error_y FROM record WHERE kind = 'fix'"
+                " AND x BETWEEN ? AND ? AND y BETWEEN ? AND ? ORDER BY excursion, number",
+                (x0, x1, y0, y1),
+            )
+        )
+
     def numbers_in(self, key: TileKey, entry: Entry) -> set[int]:
         """Return the numbers of an excursion's records that touch a tile."""
         found = self._database.all(

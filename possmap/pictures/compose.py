@@ -135,6 +135,8 @@ def _signs_of_map(shown: Overlays, palette: str) -> list[Entry]:
         entries.append(Entry(legend.point, "corner or wall end"))
     if shown.homes:
         entries.append(Entry(legend.circled("I"), "home, where robots set out"))
+    if shown.fixes:
+        entries.append(Entry(legend.fixed, "fix, where a robot truly was"))
     entries += [
         Entry(legend.line(colour), f"track of {robot}") for robot, colour in shown.robot_colours()
     ]

@@ -133,6 +133,19 @@ def circled(letter: str) -> Sign:
     return draw_it
 
 
+def fixed(draw: ImageDraw.ImageDraw, x: int, y: int) -> None:
+    """Draw the sign of fixes."""
+    cross(draw, x + 9, y, 4, palettes.INK, 1)
+
+
+def cross(
+    draw: ImageDraw.ImageDraw, x: float, y: float, radius: float, colour: Colour, width: int
+) -> None:
+    """Draw a fix."""
+    for up in (radius, -radius):
+        draw.line((x - radius, y - up, x + radius, y + up), colour, width)
+
+
 def diamond(
     draw: ImageDraw.ImageDraw,
     x: float,

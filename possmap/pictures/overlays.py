@@ -11,7 +11,7 @@ from PIL import Image, ImageDraw
 from possmap.core.pyramid import Floats, Ints
 from possmap.grid.grid import Grid
 from possmap.pictures import palettes
-from possmap.pictures.legend import diamond
+from possmap.pictures.legend import cross, diamond
 from possmap.pictures.raster import Raster
 from possmap.pictures.text import font
 
@@ -36,12 +36,14 @@ class Overlays:
     homes : where excursions began.
     tracks : robot -> the corrected places of each of its excursions.
     truth : true walls, as x, y, x2, y2.
+    fixes : where somebody knew that robots truly were.
     """
 
     points: Sequence[tuple[Place, float]] = ()
     homes: Sequence[Place] = ()
     tracks: Sequence[tuple[str, Sequence[Sequence[Place]]]] = ()
     truth: Sequence[tuple[float, float, float, float]] = ()
+    fixes: Sequence[Place] = ()
 
     def robot_colours(self) -> list[tuple[str, palettes.Colour]]:
         """Return the colour of each robot's track."""
@@ -66,6 +68,7 @@ class Marks:
         self._corners = grid.ledger.places("corner", window)
         self._homes = grid.ledger.first_poses(window)
         poses = grid.ledger.places("pose") if tracks else self._homes[:0]
+        self._fixes = grid.ledger.fixes(window) if tracks else self._homes[:0]
         self._tracks = np.split(poses, np.flatnonzero(np.diff(poses[:, 0])) + 1) if tracks else []
 
     def known(self, records: Mapping[int, int]) -> Overlays:
@@ -88,7 +91,12 @@ class Marks:
             some = places[places[:, 1] < records.get(entry.identity, 0)]
             # A robot has a colour of its own, whether it has come or not.
             tracks.setdefault(entry.robot, []).append(self._thinned(some))
-        return Overlays([*points.values()], [*homes.values()], sorted(tracks.items()))
+        fixes = [
+            (x, y)
+            for identity, number, x, y, *_ in self._fixes.tolist()
+            if number < records.get(int(identity), 0)
+        ]
+        return Overlays([*points.values()], [*homes.values()], sorted(tracks.items()), fixes=fixes)
 
     def _thinned(self, places: Floats) -> list[Place]:
         pixels = self._pixels(places)
@@ -143,7 +151,7 @@ def _sheets(
                     line = [at(place) for place in places]
                     draw.line(line, (*colour, 125), round(1.3 * fine), "curve")
         yield sheet
-    if not (overlays.points or overlays.homes or overlays.truth):
+    if not (overlays.points or overlays.homes or overlays.truth or overlays.fixes):
         return
     sheet = blank()
     draw = ImageDraw.Draw(sheet)
@@ -154,6 +162,8 @@ def _sheets(
         alpha = round(40 + 200 * certainty)
         size = (0.45 + 0.55 * certainty) * largest * fine
         diamond(draw, *at(place), size, (*palettes.POINT, alpha), (*palettes.PAPER, alpha))
+    for place in overlays.fixes:
+        cross(draw, *at(place), 3.0 * fine, palettes.INK, round(1.3 * fine))
     radius = min(9.0, max(5.0, max(width, height) / 70)) * fine
     # On a map of kilometres the sign would hide all that is known around it.
     ground = 190 if raster.pixels_per_metre(resolution) > 8 else 0

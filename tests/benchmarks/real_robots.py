@@ -1,7 +1,7 @@
 """Real recordings converted, fused and judged: coverage of the rectangles, and F1 of the map.
 
     python tests/benchmarks/real_robots.py [--data ../shared/realdata] [--only intel]
-        [--half first] [--set NAME=VALUE ...]
+        [--half first] [--fix M] [--set NAME=VALUE ...]
 
 Intel is as recorded: raw odometry, the corrected poses of the same scans for truth. freiburg-079
 and aces have real scans at corrected poses; the odometry error is ours (see ``spoilt``). Each is
@@ -12,6 +12,9 @@ half's poses. What is printed is of the second half, fused under the profile rob
 1: once with the estimator ``walls``, which chooses along, across and wall_tilt, and once with
 ``heading`` on logs of ``convert --orthogonal``, which chooses along, across and alignment_spread.
 Walls never tell the heading twice.
+
+With ``--fix M`` each leg ends with a fix: the corrected pose there, to M metres. Spreads are
+chosen without it.
 
 With ``--half first`` the first half is judged instead: for choosing settings of the profile.
 """
@@ -27,7 +30,7 @@ import math
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,11 +38,12 @@ import numpy as np
 
 from possmap.core.estimators import estimate
 from possmap.core.model import ErrorModel
-from possmap.core.records import PartialMap, Wall
+from possmap.core.records import Fix, PartialMap, Wall
 from possmap.core.settings import EvidenceSettings
 from possmap.core.track import stretches
 from possmap.core.walls import LEAST_LENGTH_M
 from possmap.fusing.fuse import fuse
+from possmap.lab.convert.legs import EndFix
 from possmap.lab.convert.request import Models, Request
 from possmap.lab.convert.run import convert_recordings
 from possmap.lab.convert.settings import ConvertSettings
@@ -180,9 +184,14 @@ def known_errors(data: Data) -> dict[str, float]:
 
 
 def convert(
-    data: Data, length: float, orthogonal: bool, model: Mapping[str, float], path: Path
+    data: Data,
+    length: float,
+    orthogonal: bool,
+    model: Mapping[str, float],
+    path: Path,
+    fix: float | None = None,
 ) -> list[PartialMap]:
-    """Convert a recording into legs, and return them."""
+    """Convert a recording into legs, each perhaps with a fix at its end, and return them."""
     settings = ConvertSettings(legs=length, orthogonal=orthogonal)
     request = Request(
         source=data.source,
@@ -190,6 +199,7 @@ def convert(
         models=Models(model),
         robot=data.name,
         errors=data.start_errors,
+        fixes=() if fix is None else (EndFix(fix),),
         reference=data.reference,
         reference_source=data.reference_source,
     )
@@ -301,10 +311,17 @@ def judged(
     yield f"{found.true_pose_f1_15cm:.3f}"
 
 
+def without_fixes(leg: PartialMap) -> PartialMap:
+    """Return a leg of whose end nothing is known: spreads are chosen on these."""
+    return replace(leg, records=tuple(one for one in leg.records if not isinstance(one, Fix)))
+
+
 APPLIED = ("drift", "turn_gain", "scale")
 
 
-def report(data: Data, work: Path, first_half: bool, given: Mapping[str, str]) -> None:
+def report(
+    data: Data, work: Path, first_half: bool, given: Mapping[str, str], fix: float | None
+) -> None:
     """Print a recording's table."""
     known = known_errors(data)
     told = {name: value for name, value in known.items() if name in APPLIED}
@@ -316,8 +333,11 @@ def report(data: Data, work: Path, first_half: bool, given: Mapping[str, str]) -
     say("|" + " --- |" * 11)
     for orthogonal in (False, True):
         paths = {length: work / f"{length:g}.jsonl" for length in LEGS}
-        legs = {n: convert(data, n, orthogonal, known, path) for n, path in paths.items()}
-        first = {length: some[: (len(some) + 1) // 2] for length, some in legs.items()}
+        legs = {n: convert(data, n, orthogonal, known, path, fix) for n, path in paths.items()}
+        first = {
+            length: [without_fixes(leg) for leg in some[: (len(some) + 1) // 2]]
+            for length, some in legs.items()
+        }
         axes = 0.0 if orthogonal else found_axes(first[LEGS[0]])
         settings = carried_by(orthogonal, axes)
         chosen = spreads(data, first, settings)
@@ -358,6 +378,7 @@ def main() -> None:
     parser.add_argument("--only", choices=["intel", "freiburg-079", "aces"])
     parser.add_argument("--half", choices=["first", "second"], default="second")
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=VALUE", dest="given")
+    parser.add_argument("--fix", type=float, metavar="M", help="legs end at known poses, to M")
     options = parser.parse_args()
     if not options.data.is_dir():
         raise SystemExit(f"{options.data}: not here; these recordings are not part of possmap")
@@ -367,7 +388,7 @@ def main() -> None:
             if options.only in (None, one):
                 data = intel(options.data) if one == "intel" else spoilt(options.data, one, work)
                 given = dict(one.split("=") for one in options.given)
-                report(data, work, options.half == "first", given)
+                report(data, work, options.half == "first", given, options.fix)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from possmap.lab.convert.block import Block, Claims, converted
-from possmap.lab.convert.legs import Laying, Piece, Reference, Start, legs
+from possmap.lab.convert.legs import WITHOUT_FIX, EndFix, Laying, Piece, Reference, Start, legs
 from possmap.lab.convert.lines import FittedWall
 from possmap.lab.convert.log import JsonRecord, LogBuilder
 from possmap.lab.convert.orthogonal import Alignment, Bearing, Straightening
@@ -80,12 +80,14 @@ class Place:
     start : of the first leg; None: where the recording has it. reference : poses for each leg.
     errors : half-widths of each leg's first pose, x, y [m] and heading [deg].
     alignment : the heading's error, from walls.
+    end : what is known of where it ends; None: nothing.
     """
 
     start: Start | None = None
     reference: Reference | None = None
     errors: tuple[float, float, float] = (0.0, 0.0, 0.0)
     alignment: Alignment | None = None
+    end: EndFix | None = None
 
 
 def convert(
@@ -115,11 +117,11 @@ def convert(
     for piece in legs(track(), settings.legs, place.start, place.reference, tally):
         if now is None or now.number != piece.leg:
             if now is not None:
-                now.finish()
+                now.finish(is_last=False)
             now = _Leg(piece.leg, mounts, place, settings, sink, tally, outcome)
         now.take(piece)
     if now is not None:
-        now.finish()
+        now.finish(is_last=True)
     return outcome
 
 
@@ -138,6 +140,7 @@ class _Leg:
     ) -> None:
         self.number = number
         self._mounts = mounts
+        self._place = place
         self._settings = settings
         self._sink = sink
         self._tally = tally
@@ -149,6 +152,7 @@ class _Leg:
         self._ways: list[Floats] = []
         self._past: list[Samples] = []
         self._end: tuple[float, float] | None = None
+        self._t = 0.0
         self._way = 0.0
         outcome.legs += 1
         if sink is not None:
@@ -164,14 +168,28 @@ class _Leg:
         if sum(map(len, self._held)) >= BLOCK:
             self._convert(last=False)
 
-    def finish(self) -> None:
-        """Convert what is left."""
+    def finish(self, is_last: bool) -> None:
+        """Convert what is left; is_last : whether the recording ends here."""
         self._convert(last=True)
         self._write(self._log.finish())
+        self._fix(is_last)
         self._outcome.way += self._way
         self._outcome.turned_deg += self._log.turned_deg
         if self._sink is not None:
             self._sink.end()
+
+    def _fix(self, is_last: bool) -> None:
+        """Write down where the leg truly ended, if that is known."""
+        end, reference = self._place.end, self._place.reference
+        if end is None:
+            return
+        at = end.place if is_last else None
+        if end.place is None and reference is not None:
+            found = reference.at(self._t)
+            at = None if found is None else found[:2]
+            self._tally.add(WITHOUT_FIX, count=found is None)
+        if at is not None:
+            self._write(self._log.fix(self._t, *at, end.half))
 
     def _convert(self, last: bool) -> None:
         samples, way = joined(self._held), np.concatenate(self._ways)
@@ -218,7 +236,7 @@ class _Leg:
         outcome.strays.add(found.strays[first:])
         outcome.readings += found.readings
         outcome.samples += len(found.strays) - first
-        self._way = float(way[-1])
+        self._way, self._t = float(way[-1]), float(block.t[-1])
         for wall in found.walls:
             self._bearing(wall, way)
 

@@ -16,6 +16,18 @@ from possmap.lab.convert.tally import Tally
 Start: TypeAlias = tuple[float, float, float]
 """Where a leg begins: x, y [m] and heading [rad]."""
 
+
+class EndFix(NamedTuple):
+    """What is known of where a recording ends.
+
+    half : half-width [m]. place : x, y [m]; None: each leg ends where the reference has it.
+    """
+
+    half: float
+    place: tuple[float, float] | None = None
+
+
+WITHOUT_FIX = "legs that end where the reference knows no pose, without a fix"
 BEFORE_REFERENCE = "samples before the first reference pose of a leg, left out"
 
 

@@ -84,6 +84,12 @@ class LogBuilder:
         before = first.yaw_deg if self._direction is None else self._direction
         yield from self._settled(before + turned, exactly=True)
 
+    def fix(self, t: float, x: float, y: float, half: float) -> Iterator[JsonRecord]:
+        """Yield where the robot truly was at its last pose, which is settled [m]."""
+        if self.poses:
+            place = {"x": round(x, 4) + 0.0, "y": round(y, 4) + 0.0}
+            yield self._numbered({"kind": "fix", "t": t, **place, "error_x": half, "error_y": half})
+
     def _settled(self, direction: float, exactly: bool = False) -> Iterator[JsonRecord]:
         halts, self._halts = self._halts, []
         turned = halts[-1].yaw_deg - halts[0].yaw_deg

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from possmap.core.model import PARAMETERS
 from possmap.errors import SettingsError, shown
-from possmap.lab.convert.legs import Start
+from possmap.lab.convert.legs import EndFix, Start
 from possmap.lab.convert.settings import ConvertSettings
 from possmap.lab.recordings import Recording, Source
 from possmap.settings.setting_table import ROBOT, parse_setting
@@ -88,6 +88,9 @@ class Request:
         Names; without, the recording's own.
     starts
         Where each recording begins, in their order; none: where they have it themselves.
+    fixes
+        What is known of where each recording ends, in their order; one that goes by the reference
+        is for all; none: nothing.
     errors
         Half-widths of where each leg begins, x, y [m] and heading [deg].
     reference, reference_source
@@ -100,6 +103,7 @@ class Request:
     robot: str | None = None
     excursion: str | None = None
     starts: tuple[Start, ...] = ()
+    fixes: tuple[EndFix, ...] = ()
     errors: tuple[float, float, float] = (0.0, 0.0, 0.0)
     reference: Path | None = None
     reference_source: Source = field(default_factory=Source)

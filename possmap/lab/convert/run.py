@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from possmap.core.model import ErrorModel
 from possmap.core.ranges import LARGEST
 from possmap.errors import OutputError, RecordingError, SettingsError, plural, printable
 from possmap.lab.convert.convert import Outcome, Place, convert
-from possmap.lab.convert.legs import Reference, Start
+from possmap.lab.convert.legs import Reference
 from possmap.lab.convert.log import JsonRecord
 from possmap.lab.convert.orthogonal import Alignment, align
 from possmap.lab.convert.request import Request, names_of
@@ -27,6 +27,8 @@ from possmap.logs.excursion import Excursion
 from possmap.logs.fields import Fault, record_of
 from possmap.logs.writing import LEG, LogWriter, check_name, is_folder, writing
 from possmap.settings.limits import Limits
+
+T = TypeVar("T")
 
 APPLIED = ("drift", "turn_gain", "scale")
 """Parameters that are taken out of the track here, and so are not written into the log."""
@@ -79,7 +81,13 @@ def convert_recordings(
     if not is_folder(output):
         check_output(output, overwrite)
         _check_is_no_source(output, paths)
-    starts = _starts(recordings, request)
+    starts = _of_each(recordings, request.starts, "--start")
+    fixes = request.fixes
+    if any(one.place is None for one in fixes):
+        if request.reference is None:
+            raise SettingsError("--fix: found end=reference, expected a --reference with it")
+        fixes = fixes * len(recordings) if len(fixes) == 1 else fixes
+    ends = _of_each(recordings, fixes, "--fix")
     reference = _reference(request)
     names = names_of(recordings, request)
     with writing(output, overwrite) as writer:
@@ -87,12 +95,12 @@ def convert_recordings(
             _convert_one(
                 recording,
                 name,
-                Place(start=start, reference=reference, errors=request.errors),
+                Place(start=start, reference=reference, errors=request.errors, end=end),
                 request,
                 writer,
                 progress,
             )
-            for recording, name, start in zip(recordings, names, starts, strict=True)
+            for recording, name, start, end in zip(recordings, names, starts, ends, strict=True)
         ]
 
 
@@ -102,13 +110,14 @@ def _check_is_no_source(output: Path, paths: Sequence[Path]) -> None:
         raise OutputError(f"{name}: is the recording itself, expected the name of a log")
 
 
-def _starts(recordings: Sequence[Recording], request: Request) -> Sequence[Start | None]:
-    """Return where each recording begins, in their order; None: where it has it itself."""
-    starts = request.starts
-    if starts and len(starts) != len(recordings):
-        found, several = len(starts), plural(len(recordings), "recording")
-        raise SettingsError(f"--start: found {found} for {several}, expected one for each")
-    return starts or (None,) * len(recordings)
+def _of_each(
+    recordings: Sequence[Recording], given: Sequence[T], option: str
+) -> Sequence[T | None]:
+    """Return what is given for each recording, in their order; None: nothing is."""
+    if given and len(given) != len(recordings):
+        found, several = len(given), plural(len(recordings), "recording")
+        raise SettingsError(f"{option}: found {found} for {several}, expected one for each")
+    return given or (None,) * len(recordings)
 
 
 def _convert_one(

@@ -137,6 +137,10 @@ class Logbook:
         upto = {"upto": held.records[-1]["seq"]} if held else {}
         self._write("meet", t, peer=peer.name[0], peer_excursion=peer.name[1], **upto)
 
+    def fix(self, t: float, x: float, y: float, half: float) -> None:
+        """Write down where somebody says that the robot truly was at its last pose [m]."""
+        self._write("fix", t, x=_metres(x), y=_metres(y), error_x=half, error_y=half)
+
     def _write(self, kind: str, t: float, **fields: object) -> None:
         seq = len(self.own.records)
         self.own.records.append({"seq": seq, "kind": kind, "t": round(t, 2), **fields})

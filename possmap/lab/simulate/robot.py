@@ -56,8 +56,8 @@ class Robot:
         self, number: int, world: World, settings: MissionSettings, others: Others
     ) -> None:
         # One random stream for each purpose, whatever the other robots do.
-        of_faults, of_motion, of_senses, of_decisions, of_calibration = (
-            np.random.default_rng([settings.seed, number, purpose]) for purpose in range(5)
+        of_faults, of_motion, of_senses, of_decisions, of_calibration, self._of_dock = (
+            np.random.default_rng([settings.seed, number, purpose]) for purpose in range(6)
         )
         self.name = f"r{number + 1}"
         self.number = number
@@ -127,7 +127,16 @@ class Robot:
         fate, why = "lost", why or f"missed home by {missed:.1f} m"
         if missed <= self._settings.reach:
             fate, why = "home", ""
+            if self._settings.dock_error:
+                self._fix()
         self.is_out = False
         self.excursions.append(
             Excursion(*name, fate, why, steering.time, steering.track, steering.book)
         )
+
+    def _fix(self) -> None:
+        """Note where the robot truly is, as well as whoever collects it knows."""
+        place, half = self.body.place, self._settings.dock_error
+        spread = half / self._settings.factor
+        off_x, off_y = (spread * self._of_dock.standard_normal(2)).tolist()
+        self.steering.book.fix(self.steering.time, place.x + off_x, place.y + off_y, half)

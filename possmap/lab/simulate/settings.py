@@ -54,6 +54,9 @@ class MissionSettings:
         1.0
     )
     reach: Annotated[Positive, "how near to home it must truly end to be collected [m]"] = 2.0
+    dock_error: Annotated[
+        NotNegative, "half-width to which it is then known where it truly is; 0: nobody looks [m]"
+    ] = 0.0
     rest_minutes: Annotated[NotNegative, "at home between two excursions [min]"] = 1.0
 
     # How it errs
