@@ -40,14 +40,14 @@ def with_fixes(folder: Path, truth: Truth, half: float) -> Path:
     found.mkdir()
     for path in sorted(folder.glob("*.json")):
         log = json.loads(path.read_text())
-        fix = log["records"].pop()
-        assert fix["kind"] == "fix", path
-        if half:
-            end = truth.tracks[log["robot"], log["excursion"]][-1, 1:3].tolist()
-            for name, true in zip(("x", "y"), end, strict=True):
-                fix[name] = true + (fix[name] - true) * half / DRIVEN
-                fix[f"error_{name}"] = half
-            log["records"].append(fix)
+        for version in (log, *log.get("carried", [])):  # who meets it at home carries its fix
+            end = truth.tracks[version["robot"], version["excursion"]][-1, 1:3].tolist()
+            for fix in (one for one in version["records"] if one["kind"] == "fix"):
+                for name, true in zip(("x", "y"), end, strict=True):
+                    fix[name] = true + (fix[name] - true) * half / DRIVEN
+                    fix[f"error_{name}"] = half
+            if not half:
+                version["records"] = [one for one in version["records"] if one["kind"] != "fix"]
         (found / path.name).write_text(json.dumps(log))
     return found
 

@@ -13,8 +13,8 @@ half's poses. What is printed is of the second half, fused under the profile rob
 ``heading`` on logs of ``convert --orthogonal``, which chooses along, across and alignment_spread.
 Walls never tell the heading twice.
 
-With ``--fix M`` each leg ends with a fix: the corrected pose there, to M metres. Spreads are
-chosen without it.
+With ``--fix M`` each leg ends with a fix: the corrected pose there, to M metres. Spreads are chosen
+with it, and half-widths are means over all poses.
 
 With ``--half first`` the first half is judged instead: for choosing settings of the profile.
 """
@@ -30,7 +30,7 @@ import math
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -224,7 +224,10 @@ def carried_by(orthogonal: bool, axes: float) -> EvidenceSettings:
 def held(
     data: Data, legs: Sequence[PartialMap], model: ErrorModel, settings: EvidenceSettings
 ) -> tuple[float, float]:
-    """Return the share of poses within their rectangles, and the legs' mean last half-width."""
+    """Return the share of poses within their rectangles, and the legs' mean last half-width.
+
+    Of legs that end with a fix it is the mean of all half-widths.
+    """
     inside, last = [], []
     for leg in legs:
         track = stretches(leg.records)
@@ -235,7 +238,8 @@ def held(
         off = np.abs(np.array([one.end for one in found.stretches]) - true[:, :2])
         halves = np.array([(one.end.half_x, one.end.half_y) for one in found.errors])
         inside.append((off <= halves + 1e-3).all(axis=1))
-        last.append(float(halves[-1].mean()))
+        known = any(isinstance(one, Fix) for one in leg.records)  # then the end tells nothing
+        last.append(float(halves.mean() if known else halves[-1].mean()))
     return float(np.concatenate(inside).mean()), float(np.mean(last))
 
 
@@ -311,11 +315,6 @@ def judged(
     yield f"{found.true_pose_f1_15cm:.3f}"
 
 
-def without_fixes(leg: PartialMap) -> PartialMap:
-    """Return a leg of whose end nothing is known: spreads are chosen on these."""
-    return replace(leg, records=tuple(one for one in leg.records if not isinstance(one, Fix)))
-
-
 APPLIED = ("drift", "turn_gain", "scale")
 
 
@@ -334,10 +333,7 @@ def report(
     for orthogonal in (False, True):
         paths = {length: work / f"{length:g}.jsonl" for length in LEGS}
         legs = {n: convert(data, n, orthogonal, known, path, fix) for n, path in paths.items()}
-        first = {
-            length: [without_fixes(leg) for leg in some[: (len(some) + 1) // 2]]
-            for length, some in legs.items()
-        }
+        first = {length: some[: (len(some) + 1) // 2] for length, some in legs.items()}
         axes = 0.0 if orthogonal else found_axes(first[LEGS[0]])
         settings = carried_by(orthogonal, axes)
         chosen = spreads(data, first, settings)

@@ -278,7 +278,7 @@ def test_what_is_not_one_json_log_is_refused(text: str, problem: str, tmp_path: 
         ([CARRIED], "1: possmap_log is missing, expected 1"),
         (['{"possmap_log": 1, "robot": "r1"}'], "1: excursion is missing, a log needs it"),
         ([HEADER, "", "[1]"], "3: found [1], expected an object"),
-        ([HEADER, "{}"], "2: kind is missing, expected one of pose, wall, beam, corner, meet"),
+        ([HEADER, "{}"], "2: kind is missing, expected one of pose, wall, beam, corner, meet, fix"),
         ([HEADER, '{"seq": 0, "kind" "pose"}', ""], "2: not JSON: Expecting ':' delimiter"),
         ([HEADER, record(0, POSE) + "," + record(1, POSE), ""], "2: not JSON: Extra data"),
         ([HEADER[:-1] + ', "records": []}'], f"1: {RECORDS_INSIDE}"),

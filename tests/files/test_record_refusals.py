@@ -277,7 +277,7 @@ def test_an_unknown_key_gets_a_hint(kind: str, key: str, hint: str, tmp_path: Pa
         assert refusal(path, text) == message(place, key, problem)
 
 
-KINDS = "pose, wall, beam, corner, meet"
+KINDS = "pose, wall, beam, corner, meet, fix"
 
 
 @pytest.mark.parametrize(
