@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from possmap.lab.recordings import Mapping
 
 
-_FIX = "end=X,Y,±M or end=reference,±M"
-
-
 class _Range(click.FloatRange):
     """Numbers in a range; click lets NaN, which is in none, pass."""
 
@@ -60,17 +57,19 @@ def _fixes(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -
 
     found = []
     for text in value:
-        what = f"{_FIX}, M > 0"
         where, _, said = text.partition("=")
         place, _, half = said.replace("±", "").rpartition(",")
-        (error,) = _numbers(half, 1, what)
-        if where.strip().lower() != "end" or error <= 0:
-            raise click.BadParameter(f"found {text!r}, expected {what}")
-        if place == "reference":
-            found.append(EndFix(error))
-        else:
-            x, y = _numbers(place, 2, what)
-            found.append(EndFix(error, (x, y)))
+        is_known = place == "reference"
+        try:
+            error, *at = [float(one) for one in (half, *([] if is_known else place.split(",")))]
+        except ValueError:
+            error, at = 0.0, []
+        is_sound = len(at) == (0 if is_known else 2) and all(abs(one) <= 1e6 for one in at)
+        if where.strip().lower() != "end" or not (is_sound and 0 < error <= 1e6):
+            raise click.BadParameter(
+                f"found {text!r}, expected end=X,Y,±M or end=reference,±M with M > 0"
+            )
+        found.append(EndFix(error, None if is_known else (at[0], at[1])))
     return tuple(found)
 
 

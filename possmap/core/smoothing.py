@@ -9,11 +9,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
 
 from possmap.core.correction import CorrectedStretch
 from possmap.core.kalman import Forgotten, Mark, Mixed, Observed, Row, Step
 from possmap.core.propagation import RIGHT_ANGLE, ErrorRectangle, FilteredError, StretchErrors
+
+Floats: TypeAlias = NDArray[np.float64]
 
 
 class Smoothed(NamedTuple):
@@ -30,29 +35,32 @@ class Smoothed(NamedTuple):
 
 def smoothed(steps: Sequence[Step]) -> list[Smoothed]:
     """Return what is known at each mark, in the order of the marks."""
-    found: list[Smoothed] = []
+    marks: list[Mark] = []
+    lams: list[Row] = []  # λ, and Λ row by row, at each of them
+    bigs: list[Row] = []
     size = next(len(one.mean) for one in steps if isinstance(one, Mark))
-    lam, big = [0.0] * size, [[0.0] * size for _ in range(size)]  # λ and Λ
+    lam, big = [0.0] * size, [[0.0] * size for _ in range(size)]
     for step in reversed(steps):
         match step:
-            case Mark(mean, rows):
-                found.append(_looked_back(mean, rows, lam, big))
+            case Mark():
+                marks.append(step)
+                lams.append(lam[:])
+                bigs.append([value for row in big for value in row])
             case Mixed(state, shares):  # λ ← Fᵀλ, Λ ← FᵀΛF
                 for other, share in shares:
                     lam[other] += share * lam[state]
                     for row in big:
                         row[other] += share * row[state]
+                taken = big[state]
                 for other, share in shares:
-                    big[other] = [
-                        a + share * b for a, b in zip(big[other], big[state], strict=True)
-                    ]
+                    big[other] = [a + share * b for a, b in zip(big[other], taken, strict=True)]
             case Forgotten(state):
                 lam[state], big[state] = 0.0, [0.0] * size
                 for row in big:
                     row[state] = 0.0
             case Observed():
                 _through(step, lam, big)
-    return found[::-1]
+    return _looked_back(marks, np.array(lams), np.array(bigs).reshape(-1, size, size))[::-1]
 
 
 def _through(step: Observed, lam: Row, big: list[Row]) -> None:
@@ -73,20 +81,26 @@ def _through(step: Observed, lam: Row, big: list[Row]) -> None:
             big[state][other] += share * also * s
 
 
-def _looked_back(mean: Row, rows: list[Row], lam: Row, big: list[Row]) -> Smoothed:
-    """Return m - P·λ, and P - P·Λ·P of the place and the heading."""
-    at: list[float] = []
-    halves: list[float] = []
-    for state, row in enumerate(rows):
-        at.append(mean[state] - sum(p * value for p, value in zip(row, lam, strict=True)))
-        taken = sum(
-            p * sum(q * value for q, value in zip(row, line, strict=True))
-            for p, line in zip(row, big, strict=True)
+def _looked_back(marks: Sequence[Mark], lam: Floats, big: Floats) -> list[Smoothed]:
+    """Return m - P·λ, and P - P·Λ·P of the place and the heading, at all marks together.
+
+    lam, big : λ and Λ at each, shapes (marks, 6) and (marks, 6, 6). Sums are taken term by term,
+    so that no library decides on their last bit.
+    """
+    means, p = np.array([one.mean for one in marks]), np.array([one.rows for one in marks])
+    states, halves = range(lam.shape[1]), []
+    for state in range(p.shape[1]):
+        row = p[:, state].T
+        means[:, state] -= sum(row[k] * lam[:, k] for k in states)
+        taken = sum(row[k] * sum(row[i] * big[:, k, i] for i in states) for k in states)
+        halves.append(np.sqrt(np.maximum(0.0, row[state] - taken)))
+    halves[-1] = np.minimum(RIGHT_ANGLE, halves[-1])
+    return [
+        Smoothed((x, y), ErrorRectangle(half_x, half_y), heading, heading_half)
+        for (x, y, heading), (half_x, half_y, heading_half) in zip(
+            means[:, :3].tolist(), np.column_stack(halves).tolist(), strict=True
         )
-        halves.append(math.sqrt(max(0.0, row[state] - taken)))
-    (x, y, heading), (half_x, half_y, heading_half) = at, halves
-    rectangle = ErrorRectangle(half_x, half_y)
-    return Smoothed((x, y), rectangle, heading, min(RIGHT_ANGLE, heading_half))
+    ]
 
 
 def lay_smoothed(

@@ -15,6 +15,7 @@ from possmap.core.lattice import TileKey
 from possmap.core.model import ErrorModel
 from possmap.core.observations import Observations
 from possmap.core.propagation import ErrorRectangle
+from possmap.core.ranges import LARGEST
 from possmap.core.records import PartialMap
 from possmap.errors import brief
 from possmap.grid.arrivals import Arrivals
@@ -185,9 +186,11 @@ class Ledger:
             )
         )
 
-    def fixes(self, window_m: tuple[float, float, float, float]) -> NDArray[np.float64]:
+    def fixes(
+        self, window_m: tuple[float, float, float, float] | None = None
+    ) -> NDArray[np.float64]:
         """Return where somebody said that robots truly were, in rows as of ``places``."""
-        x0, y0, x1, y1 = window_m
+        x0, y0, x1, y1 = window_m or (-LARGEST, -LARGEST, LARGEST, LARGEST)
         return _places(
             self._database.all(
                 "SELECT excursion, number, x, y, error_x, error_y FROM record WHERE kind = 'fix'"

@@ -93,7 +93,7 @@ def test_json_tells_the_same_of_all(site: Path) -> None:
         "worst": {"x": 0.25, "y": 0.25, "conflict": sure},
         "told": {
             "observed": 0, "seen": 0, "outliers": 0, "surprise": 0.0, "overturn_deg": 0.0,
-            "stray_deg": 0.0,
+            "stray_deg": 0.0, "fixes": 0, "surprising": 0,
         },
         "judged": True,
         "stands_out": True,
