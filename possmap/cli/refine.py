@@ -15,7 +15,7 @@ from possmap.cli import options
 if TYPE_CHECKING:
     from possmap.budget import Budget
     from possmap.fusing.refine import RefineSummary
-    from possmap.refining.refine import Outing
+    from possmap.refining.refine import MovedOuting
 
 MOST_LISTED = 20
 """Rivals that the text lists; --json has all."""
@@ -100,7 +100,7 @@ def _as_text(done: RefineSummary) -> Iterator[str]:
         yield f"and {len(found.rivals) - MOST_LISTED} more such walls (--json lists them)"
 
 
-def _row(one: Outing) -> str:
+def _row(one: MovedOuting) -> str:
     from possmap.errors import brief
 
     doubtful = f"; seq {', '.join(map(str, one.doubtful[:5]))} doubtful" if one.doubtful else ""

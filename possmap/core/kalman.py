@@ -23,7 +23,7 @@ class Mixed(NamedTuple):
     shares: Shares
 
 
-class Forgotten(NamedTuple):
+class Reset(NamedTuple):
     """F, the identity but for a zero: a state has nothing to do any more with what it was."""
 
     state: int
@@ -53,7 +53,7 @@ class Mark(NamedTuple):
     rows: list[Row]
 
 
-Step: TypeAlias = Mixed | Forgotten | Observed | Mark
+Step: TypeAlias = Mixed | Reset | Observed | Mark
 
 
 class Gaussian:
@@ -94,7 +94,7 @@ class Gaussian:
         self.covariance[state] = [0.0] * len(self.mean)
         self.covariance[state][state] = variance
         if self._keeps_steps:
-            self.steps.append(Forgotten(state))
+            self.steps.append(Reset(state))
 
     def mix(self, state: int, shares: Shares) -> None:
         """Add shares of other states to one, of P alone: F·P·Fᵀ."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from possmap.core.correction import CorrectedStretch
-from possmap.core.kalman import Forgotten, Mark, Mixed, Observed, Row, Step
+from possmap.core.kalman import Mark, Mixed, Observed, Reset, Row, Step
 from possmap.core.propagation import RIGHT_ANGLE, ErrorRectangle, FilteredError, StretchErrors
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -54,7 +54,7 @@ def smoothed(steps: Sequence[Step]) -> list[Smoothed]:
                 taken = big[state]
                 for other, share in shares:
                     big[other] = [a + share * b for a, b in zip(big[other], taken, strict=True)]
-            case Forgotten(state):
+            case Reset(state):
                 lam[state], big[state] = 0.0, [0.0] * size
                 for row in big:
                     row[state] = 0.0

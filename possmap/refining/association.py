@@ -28,7 +28,7 @@ NONE, AMBIGUOUS, VAGUE = -1, -2, -3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Placed:
+class PlacedSightings:
     """Where sightings lie now; arrays of one length, in canonical order.
 
     excursion : number. kind : 2·normal + (side > 0). coordinate, low, high : [m].
@@ -72,7 +72,7 @@ class _Wall:
         other.members = []
 
 
-def associate(placed: Placed) -> Ints:
+def associate(placed: PlacedSightings) -> Ints:
     """Return the number of each sighting's wall, or why it has none.
 
     The surest sightings come first, those as sure in canonical order. Walls are numbered from 0.
@@ -90,7 +90,7 @@ def associate(placed: Placed) -> Ints:
     return found
 
 
-def _gathered(order: NDArray[np.int64], placed: Placed, found: Ints) -> list[_Wall]:
+def _gathered(order: NDArray[np.int64], placed: PlacedSightings, found: Ints) -> list[_Wall]:
     """Gather sightings of one kind into walls; note those that get none."""
     near: dict[int, list[_Wall]] = {}  # by where they are, that not all need be asked
     walls: list[_Wall] = []

@@ -27,7 +27,7 @@ _NO_WALL = 1e-6
 """What is known of a wall that nobody counts [1/m²]: without it, it might lie anywhere."""
 
 
-class Fitted(NamedTuple):
+class Solution(NamedTuple):
     """What fits best; variances are None unless asked for.
 
     main : x; own : of each block, shape (blocks, 2); walls : the rest of z.
@@ -109,7 +109,7 @@ class Bordered:
             for other, its in edge[: number + 1]:
                 self._border.append((column, other, weight * value * its))
 
-    def solve(self, with_variances: bool) -> Fitted:
+    def solve(self, with_variances: bool) -> Solution:
         """Return what fits best.
 
         Raises
@@ -137,7 +137,7 @@ class Bordered:
             one.alone - one.shared @ np.append(mine, at[one.walls])
             for one, mine in zip(solved, own_found, strict=True)
         ]
-        found = Fitted(np.concatenate(main), own_found, at, None, None)
+        found = Solution(np.concatenate(main), own_found, at, None, None)
         if not with_variances:
             return found
         variances = np.concatenate([_of_border(one, covariance) for one in solved])

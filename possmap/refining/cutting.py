@@ -22,7 +22,7 @@ from possmap.core.walls import (
     is_relabelling,
     is_told,
 )
-from possmap.refining.runs import Excursion, Floats, Frame, Place, Sighting
+from possmap.refining.runs import CutExcursion, Floats, Frame, Place, Sighting
 
 LEAST_WALL_M = 0.25
 """A shorter piece of wall does not tell in which direction it stands."""
@@ -51,7 +51,7 @@ class _Step(NamedTuple):
     is_told: bool
 
 
-def cut(version: PartialMap, model: ErrorModel, settings: EvidenceSettings) -> Excursion | None:
+def cut(version: PartialMap, model: ErrorModel, settings: EvidenceSettings) -> CutExcursion | None:
     """Cut an excursion into runs; None if it has none."""
     first = next((one for one in version.records if isinstance(one, Pose)), None)
     track = stretches(version.records)
@@ -78,7 +78,7 @@ def cut(version: PartialMap, model: ErrorModel, settings: EvidenceSettings) -> E
         poses += _poses(run, group, chord[run], frame)
         seen += _seen(run, group, model, frame)
         sightings += _sightings(run, group, chord[run], model, frame)
-    return Excursion(
+    return CutExcursion(
         version,
         model,
         now.observations,
@@ -95,7 +95,7 @@ def cut(version: PartialMap, model: ErrorModel, settings: EvidenceSettings) -> E
 
 
 def _fixed(version: PartialMap, frame: Frame) -> Floats:
-    """Return where the robot was known to be, as ``Excursion.fixed``."""
+    """Return where the robot was known to be, as ``CutExcursion.fixed``."""
     told = [(number, one) for number, some in fixes(version.records).items() for one in some]
     halves = frame.half_back(
         np.array([(one.error_x, one.error_y) for _, one in told]).reshape(-1, 2)
@@ -113,7 +113,7 @@ def _turns(
     first: Pose,
     model: ErrorModel,
 ) -> dict[str, Floats]:
-    """Return what is known of each run's length and direction, by the names of ``Excursion``.
+    """Return what is known of each run's length and direction, by the names of ``CutExcursion``.
 
     before : the steps whose turns come before each run.
     """

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from possmap.refining.association import AMBIGUOUS, NONE, Placed, associate
-from possmap.refining.problem import Problem
-from possmap.refining.runs import Excursion, Floats, Ints
+from possmap.refining.association import AMBIGUOUS, NONE, PlacedSightings, associate
+from possmap.refining.problem import TrackProblem
+from possmap.refining.runs import CutExcursion, Floats, Ints
 
 ROUNDS = 4
 """How often walls are found anew, with tracks moved by what the last round found."""
@@ -37,7 +37,7 @@ MOST_DOUBTFUL = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
+class TracksFit:
     """What the last round found.
 
     Attributes
@@ -61,14 +61,16 @@ class Fit:
     heading: Floats
     variances: Floats
     wall_of: Ints
-    placed: Placed
+    placed: PlacedSightings
     walls: Floats
     wall_variances: Floats
     residuals: Floats
     alone: tuple[str, ...]
 
 
-def fit(excursions: Sequence[Excursion], problem: Problem, robots: Collection[str]) -> Fit:
+def fit(
+    excursions: Sequence[CutExcursion], problem: TrackProblem, robots: Collection[str]
+) -> TracksFit:
     """Fit all excursions to each other.
 
     robots : whose excursions may be moved; none: all.
@@ -100,7 +102,7 @@ def fit(excursions: Sequence[Excursion], problem: Problem, robots: Collection[st
     every, _ = _placed(problem, now, [""] * len(excursions), scale)
     heading = np.zeros(len(now.nodes))
     heading[problem.node] = now.heading
-    return Fit(
+    return TracksFit(
         now.nodes, heading, now.variances, wall_of, every, now.walls, now.wall_variances,
         now.residuals, tuple(alone),
     )  # fmt: skip
@@ -108,7 +110,7 @@ def fit(excursions: Sequence[Excursion], problem: Problem, robots: Collection[st
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Solved:
-    """As in ``Fit``, but for ``heading``: of each run."""
+    """As in ``TracksFit``, but for ``heading``: of each run."""
 
     nodes: Floats
     heading: Floats
@@ -123,7 +125,7 @@ def _spread(residuals: Floats) -> float:
     return float(np.sqrt(np.mean(np.minimum(residuals**2, 9.0)))) if len(residuals) else 1.0
 
 
-def _solved(problem: Problem, wall_of: Ints, heading: Floats, scale: float) -> _Solved:
+def _solved(problem: TrackProblem, wall_of: Ints, heading: Floats, scale: float) -> _Solved:
     """Solve for one association, weighing residuals by the solution before."""
     weights, seen = np.ones(len(wall_of)), np.ones(len(problem.seen_sd))
     rows = np.arange(len(wall_of))
@@ -148,14 +150,14 @@ def _weights(residuals: Floats) -> Floats:
 
 
 def _placed(
-    problem: Problem, now: _Solved, alone: Sequence[str], scale: float
-) -> tuple[Placed, Ints]:
+    problem: TrackProblem, now: _Solved, alone: Sequence[str], scale: float
+) -> tuple[PlacedSightings, Ints]:
     """Return where the sightings of those who are not left alone lie, and their numbers."""
     middles, rows = problem.middles(now.nodes), np.arange(len(problem.kind))
     along = middles[rows, 1 - problem.normal]
     asked = np.array([not why for why in alone], dtype=bool)
     chosen = np.flatnonzero(asked[problem.sighting_owner])
-    placed = Placed(
+    placed = PlacedSightings(
         problem.sighting_owner[chosen],
         problem.kind[chosen],
         middles[rows, problem.normal][chosen],
@@ -167,7 +169,9 @@ def _placed(
     return placed, chosen
 
 
-def _misfit(one: Excursion, problem: Problem, number: int, now: _Solved, wall_of: Ints) -> str:
+def _misfit(
+    one: CutExcursion, problem: TrackProblem, number: int, now: _Solved, wall_of: Ints
+) -> str:
     """Return why an excursion is to be left alone, if it is."""
     mine = problem.sighting_owner == number
     used, ambiguous = int((wall_of[mine] >= 0).sum()), int((wall_of[mine] == AMBIGUOUS).sum())

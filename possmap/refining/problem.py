@@ -14,14 +14,14 @@ from itertools import pairwise
 import numpy as np
 
 from possmap.core.walls import LEAST_SPREAD_DEG
-from possmap.refining.bordered import OWN, Bordered, Fitted
-from possmap.refining.runs import Excursion, Floats, Ints, Sighting
+from possmap.refining.bordered import OWN, Bordered, Solution
+from possmap.refining.runs import CutExcursion, Floats, Ints, Sighting
 
 LEAST_PLACE_M, LEAST_ACROSS_M, LEAST_UNKNOWN = 2e-3, 5e-4, 1e-6
 """Nothing is known better: a place, what a run misses beside its heading [m]; o and b [rad]."""
 
 
-class Problem:
+class TrackProblem:
     """All excursions of a ledger, in canonical order, ready to be solved for any association.
 
     Attributes
@@ -31,14 +31,14 @@ class Problem:
     node
         At which each run begins.
     owner
-        Excursion of each run.
+        CutExcursion of each run.
     seen_sd, noise_sd
         Standard deviations of walls' directions [rad] and of sightings [m].
     sighting_owner, kind, normal, low, high
         Of each sighting: its excursion; 2·normal + (side > 0); and as in ``Sighting``.
     """
 
-    def __init__(self, excursions: Sequence[Excursion]) -> None:
+    def __init__(self, excursions: Sequence[CutExcursion]) -> None:
         runs = [len(one.chord) for one in excursions]
         self.first_node = np.append(0, np.cumsum([count + 1 for count in runs]))
         self.first_run = np.append(0, np.cumsum(runs))
@@ -114,7 +114,7 @@ class Problem:
 
     def solve(
         self, wall_of: Ints, heading: Floats, weights: Floats, seen: Floats, with_variances: bool
-    ) -> Fitted:
+    ) -> Solution:
         """Solve once, the runs' directions linearised at given headings.
 
         Parameters
@@ -198,5 +198,5 @@ def _place(node: Ints, axis: Ints | int, a: Floats, b: Floats) -> tuple[list[Int
     return columns, [1 - a, -turned, a, turned]
 
 
-def _of_runs(excursions: Sequence[Excursion], name: str) -> Floats:
+def _of_runs(excursions: Sequence[CutExcursion], name: str) -> Floats:
     return np.concatenate([getattr(one, name) for one in excursions])

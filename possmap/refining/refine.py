@@ -16,9 +16,9 @@ from possmap.core.refined import RefinedPose, RefinedTrack
 from possmap.core.settings import EvidenceSettings
 from possmap.refining.association import AMBIGUOUS
 from possmap.refining.cutting import cut
-from possmap.refining.fitting import DOUBTFUL, Fit, fit
-from possmap.refining.problem import Problem
-from possmap.refining.runs import Excursion, Floats
+from possmap.refining.fitting import DOUBTFUL, TracksFit, fit
+from possmap.refining.problem import TrackProblem
+from possmap.refining.runs import CutExcursion, Floats
 from possmap.refining.walls import RefinedWall, Rival, rivals_of, walls_of
 
 LEAST_HALF = 0.6
@@ -27,7 +27,7 @@ lattice, be stamped into the next."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outing:
+class MovedOuting:
     """What became of one excursion.
 
     Attributes
@@ -72,7 +72,7 @@ class Refinement:
     """
 
     tracks: Mapping[tuple[str, str], RefinedTrack]
-    outings: tuple[Outing, ...]
+    outings: tuple[MovedOuting, ...]
     walls: tuple[RefinedWall, ...]
     rivals: tuple[Rival, ...]
 
@@ -103,7 +103,7 @@ def refine(
     moving = [one for _, one in excursions if one is not None]
     if not moving:
         return Refinement({}, tuple(_idle(version) for version, _ in excursions), (), ())
-    problem = Problem(moving)
+    problem = TrackProblem(moving)
     found = fit(moving, problem, robots)
     tracks: dict[tuple[str, str], RefinedTrack] = {}
     outings, number = [], 0
@@ -120,15 +120,17 @@ def refine(
     return Refinement(tracks, tuple(outings), walls, rivals_of(moving, problem, found))
 
 
-def _idle(version: PartialMap) -> Outing:
-    return Outing(
+def _idle(version: PartialMap) -> MovedOuting:
+    return MovedOuting(
         robot=version.robot, excursion=version.excursion, alone="it never ran",
         sightings=0, used=0, ambiguous=0, moved=0.0, most_moved=0.0, residual=0.0, doubtful=(),
         half_before=0.0, half_after=0.0,
     )  # fmt: skip
 
 
-def _poses(one: Excursion, problem: Problem, number: int, found: Fit, least: float) -> Floats:
+def _poses(
+    one: CutExcursion, problem: TrackProblem, number: int, found: TracksFit, least: float
+) -> Floats:
     """Return the refined poses of an excursion, the fields of ``RefinedPose``; shape (poses, 6).
 
     least : no half-width is smaller [m].
@@ -141,7 +143,9 @@ def _poses(one: Excursion, problem: Problem, number: int, found: Fit, least: flo
     return np.column_stack([places, np.maximum(halves, least), error, heading_half])
 
 
-def _outing(one: Excursion, problem: Problem, number: int, found: Fit, poses: Floats) -> Outing:
+def _outing(
+    one: CutExcursion, problem: TrackProblem, number: int, found: TracksFit, poses: Floats
+) -> MovedOuting:
     mine = np.flatnonzero(problem.sighting_owner == number)
     wall_of, residuals = found.wall_of[mine], found.residuals[mine]
     met = wall_of >= 0
@@ -150,7 +154,7 @@ def _outing(one: Excursion, problem: Problem, number: int, found: Fit, poses: Fl
     moved = np.zeros(1) if alone else np.hypot(*(poses[:, :2] - before[:, :2]).T)
     doubtful = np.flatnonzero(np.abs(residuals) > DOUBTFUL)
     records = one.version.records
-    return Outing(
+    return MovedOuting(
         robot=one.version.robot,
         excursion=one.version.excursion,
         alone=alone,

@@ -74,7 +74,7 @@ class Frame:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Excursion:
+class CutExcursion:
     """What one excursion brings to the problem; places in the frame of the building's axes.
 
     Attributes

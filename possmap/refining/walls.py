@@ -9,9 +9,9 @@ from itertools import pairwise
 import numpy as np
 
 from possmap.refining.association import NONE
-from possmap.refining.fitting import UNHEARD, Fit
-from possmap.refining.problem import Problem
-from possmap.refining.runs import Excursion, Floats, Ints
+from possmap.refining.fitting import UNHEARD, TracksFit
+from possmap.refining.problem import TrackProblem
+from possmap.refining.runs import CutExcursion, Floats, Ints
 
 FARTHEST_M = 0.6
 """Two faces farther apart are two pieces of furniture."""
@@ -53,7 +53,7 @@ class Rival:
 
 
 def walls_of(
-    excursions: Sequence[Excursion], problem: Problem, found: Fit
+    excursions: Sequence[CutExcursion], problem: TrackProblem, found: TracksFit
 ) -> tuple[RefinedWall, ...]:
     """Return the walls that were seen more than once."""
     placed, made = found.placed, []
@@ -74,7 +74,9 @@ def walls_of(
     return tuple(made)
 
 
-def rivals_of(excursions: Sequence[Excursion], problem: Problem, found: Fit) -> tuple[Rival, ...]:
+def rivals_of(
+    excursions: Sequence[CutExcursion], problem: TrackProblem, found: TracksFit
+) -> tuple[Rival, ...]:
     """Return faces, seen once or more, of which others saw only another; the farthest first."""
     placed = found.placed
     told = np.array([why not in UNHEARD for why in found.alone])
@@ -111,7 +113,7 @@ def _members(wall_of: Ints, count: int) -> list[Ints]:
     return [order[first:last] for first, last in pairwise(cuts.tolist())]
 
 
-def _line(one: Excursion, kind: int, at: float, low: float, high: float) -> Metres:
+def _line(one: CutExcursion, kind: int, at: float, low: float, high: float) -> Metres:
     ends: Floats = np.array([[at, low], [at, high]] if kind < 2 else [[low, at], [high, at]])
     (x0, y0), (x1, y1) = one.frame.back(ends).tolist()
     return x0, y0, x1, y1

@@ -41,7 +41,7 @@ from possmap.lab.evaluate.run import Question, evaluate
 from possmap.lab.evaluate.tracks import matched
 from possmap.refining.cutting import cut
 from possmap.refining.fitting import fit
-from possmap.refining.problem import Problem
+from possmap.refining.problem import TrackProblem
 from possmap.settings.limits import Limits
 from possmap.truth.truth import Truth, read_truth
 
@@ -84,7 +84,7 @@ def wrong_of(grid: Path, truth: Truth) -> tuple[int, int]:
             for entry in sorted(site.ledger.entries(), key=lambda one: one.name)
         ]
     excursions = [one for one in cuts if one is not None]
-    problem = Problem(excursions)
+    problem = TrackProblem(excursions)
     found = fit(excursions, problem, ())
     true = []
     for one in excursions:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
-from possmap.core.ranges import LARGEST, NotNegative, Number, Positive
+from possmap.core.ranges import NotNegative, Number, Positive
 from possmap.errors import SettingsError, printable
 from possmap.lab.recordings.beams import WORTH, Beam, Column, Length, Scan, SeatedAt
 from possmap.lab.recordings.roles import ROLES, Role, fault_of
@@ -32,17 +32,6 @@ def _one_star(text: str) -> str:
     if text.count("*") > 1:
         raise ValueError("expected at most one *")
     return text
-
-
-def _number(text: str) -> float | None:
-    """Return a number of YAML; None for a word, which may name a column."""
-    try:
-        value = float(text.replace(".nan", "nan").replace(".inf", "inf"))  # as YAML has them
-    except ValueError:
-        return None
-    if not abs(value) <= LARGEST:
-        raise ValueError("expected a number within ±1e6, or a column")
-    return value
 
 
 @dataclass(frozen=True, kw_only=True)
