@@ -53,7 +53,7 @@ def check(
     from possmap.cli.progress import bar
     from possmap.errors import printable
     from possmap.fusing.check import check as inspect
-    from possmap.fusing.told import doubts_axes, reach_line
+    from possmap.fusing.reach import doubts_axes, reach_line
 
     summary = inspect(
         logs, options.request(**settings), allow_truncated=allow_truncated, progress=bar

@@ -111,7 +111,7 @@ def fuse(
     from possmap.errors import plural, printable
     from possmap.fusing.executors import collect_seldom
     from possmap.fusing.fuse import fuse as fuse_logs
-    from possmap.fusing.told import reach_line
+    from possmap.fusing.reach import reach_line
 
     if dask is not None and jobs > 1:
         raise click.UsageError("--dask and --jobs exclude each other")

@@ -18,9 +18,10 @@ from possmap.core.settings import EvidenceSettings
 from possmap.core.track import stretches, waiting
 from possmap.core.walls import LEAST_LENGTH_M
 from possmap.errors import PossmapError
-from possmap.fusing import inputs
+from possmap.fusing import reading
 from possmap.fusing.joining import Joining
-from possmap.fusing.layout import LaidOut, Reach, Version, lay_out
+from possmap.fusing.layout import LaidOut, Version, lay_out
+from possmap.fusing.reach import Reach
 from possmap.logs.delivery import LogFile
 from possmap.progress import Progress, quiet
 from possmap.settings.request import Request, in_force
@@ -101,7 +102,7 @@ def check(
     """
     settings = in_force((request or Request()).given())
     joining = Joining(settings)
-    names = progress(list(inputs.expand(logs)), "log")
+    names = progress(list(reading.expand(logs)), "log")
     files = tuple(_checked(name, joining, settings, allow_truncated) for name in names)
     reach = {name: one.reach for name, one in joining.laid_out.items()}
     return CheckSummary(files, reach, _axes(one.whole for one in joining.came))
@@ -121,7 +122,7 @@ def _axes(versions: Iterable[PartialMap]) -> float | None:
 
 def _checked(name: str, joining: Joining, settings: Settings, allow_truncated: bool) -> CheckedFile:
     try:
-        log = inputs.read(name, settings.limits, allow_truncated)
+        log = reading.read(name, settings.limits, allow_truncated)
         joining.join(log, partial(_laid_out, settings))
     except PossmapError as error:
         return CheckedFile(name, error=str(error))

@@ -18,22 +18,21 @@ from possmap.core.lattice import TileKey
 from possmap.core.plan import TileWork, by_tile
 from possmap.core.settings import EvidenceSettings
 from possmap.errors import LogError, TileError, WorkerError, printable
-from possmap.fusing import inputs
+from possmap.fusing import reading
 from possmap.fusing.advice import refuse_refined
 from possmap.fusing.executors import SERIAL, Hands, hands
 from possmap.fusing.joining import Joining
-from possmap.fusing.layout import LaidOut, Reach, StoredTile, Version, lay_out, stamp
-from possmap.fusing.reading import How, Read, read_logs
+from possmap.fusing.layout import LaidOut, StoredTile, Version, lay_out, stamp
+from possmap.fusing.reach import Reach
+from possmap.fusing.reading import How, Read
 from possmap.fusing.withdraw import Loss, withdraw
 from possmap.grid.arrivals import Arrival
 from possmap.grid.grid import Grid
-from possmap.grid.ledger import Ledger
 from possmap.grid.opening import check_file
 from possmap.grid.tiles import MOST_COUNTED, Undecided
 from possmap.progress import Progress, quiet
 from possmap.release import version
 from possmap.settings.request import Request, in_force
-from possmap.settings.setting_table import Value
 from possmap.settings.settings import Settings
 
 log = logging.getLogger(__name__)
@@ -153,64 +152,35 @@ def fuse(
     reach: dict[tuple[str, str], Reach] = {}
     touched: set[TileKey] = set()
     with _enough_memory(), ExitStack() as stack:
-        site = _Site(grid, budget, stack)
-        settings = in_force(given, site.settings, grid)
-        names = progress(list(inputs.expand(logs, recursive)), "log")
+        # For writing, though nothing may be: what an interrupted run left may hold nothing yet.
+        open_site = partial(Grid, grid, write=True, budget=budget)
+        site = stack.enter_context(open_site()) if check_file(grid, write=True) else None
+        known = None if site is None or site.is_new else site
+        if known is not None:
+            refuse_refined(known, "fuse further logs into")
+        settings = in_force(given, known.stored_settings() if known else None, grid)
+        names = progress(list(reading.expand(logs, recursive)), "log")
         workers = stack.enter_context(hands(jobs, dask, budget))
-        reading = _read(names, How(settings, allow_truncated, budget, workers.folder), workers)
-        rehearsal = Joining(settings, site.ledger, grid, strict)
+        reads = _read(names, How(settings, allow_truncated, budget, workers.folder), workers)
+        rehearsal = Joining(settings, known.ledger if known else None, grid, strict)
         # A transaction holds some logs; with --strict all, so that the last can undo the first.
         most = min(settings.limits.transaction_records, budget.batch_records)
-        for batch in _batches(reading, None if strict else most, budget):
-            if dry_run:
-                joining = rehearsal
-                outcomes += _joined(joining, batch, workers)
-            else:
+        for batch in _batches(reads, None if strict else most, budget):
+            if dry_run or site is None:
+                joining, done = rehearsal, _joined(rehearsal, batch, workers)
+            if not dry_run and (site is not None or rehearsal.laid_out):
+                site = site or stack.enter_context(open_site())  # no grid is made for nothing
                 joining, done = _added(batch, site, settings, strict, workers, progress)
-                outcomes += done
+            for outcome in done:
+                log.info("%s: %s", outcome.path, outcome.status)
+            outcomes += done
             reach |= {name: one.reach for name, one in joining.laid_out.items()}
             touched.update(key for one in joining.laid_out.values() for key in one.plan.tiles)
             joining.let_go()
         undecided = None
-        if touched and not dry_run and len(touched) <= MOST_COUNTED:
-            undecided = site.grid.tiles.undecided(touched)
+        if site is not None and touched and not dry_run and len(touched) <= MOST_COUNTED:
+            undecided = site.tiles.undecided(touched)
     return FuseSummary(grid, tuple(outcomes), reach, undecided, time.perf_counter() - start)
-
-
-class _Site:
-    """The grid, opened once: at first if the file holds anything, else for what is new in it."""
-
-    def __init__(self, path: Path, budget: Budget, stack: ExitStack) -> None:
-        self.path, self._budget, self._stack = path, budget, stack
-        # For writing, though nothing may be: what an interrupted run left may hold nothing yet.
-        self._grid = self._open() if check_file(path, write=True) else None
-        if self._grid is not None:
-            refuse_refined(self._grid, "fuse further logs into")
-
-    def _open(self) -> Grid:
-        return self._stack.enter_context(Grid(self.path, write=True, budget=self._budget))
-
-    @property
-    def is_there(self) -> bool:
-        """Whether there is a file that holds anything."""
-        return self._grid is not None
-
-    @property
-    def grid(self) -> Grid:
-        """The grid, which is made if there is none."""
-        if self._grid is None:
-            self._grid = self._open()
-        return self._grid
-
-    @property
-    def ledger(self) -> Ledger | None:
-        """Its ledger; None if nothing was ever committed."""
-        return None if self._grid is None or self._grid.is_new else self._grid.ledger
-
-    @property
-    def settings(self) -> dict[str, Value] | None:
-        """Those that it keeps; None if it keeps none yet."""
-        return None if self._grid is None or self._grid.is_new else self._grid.stored_settings()
 
 
 @contextmanager
@@ -227,10 +197,10 @@ def _enough_memory() -> Iterator[None]:
 def _read(names: Iterable[str], how: How, workers: Hands) -> Iterator[Read]:
     """Read logs in the order given; others than this process lay out at once what is in them."""
     # Stdin is nobody's but this process's, and a grid may lie where no worker sees it.
-    for is_here, some in groupby(names, key=lambda name: name == "-" or inputs.is_grid(name)):
+    for is_here, some in groupby(names, key=lambda name: name == "-" or reading.is_grid(name)):
         own = is_here or not workers.are_others
         tasks = ((chunk, how, not own) for chunk in _chunks(some))
-        for reads in (SERIAL if own else workers).map(read_logs, tasks, _read_bytes):
+        for reads in (SERIAL if own else workers).map(reading.read_logs, tasks, _read_bytes):
             yield from reads
 
 
@@ -239,7 +209,7 @@ def _chunks(names: Iterable[str]) -> Iterator[list[str]]:
     chunk: list[str] = []
     size = 0
     for name in names:
-        its_size = inputs.text_of(name)
+        its_size = reading.text_of(name)
         if chunk and size + its_size > READ_AT_ONCE:
             yield chunk
             chunk, size = [], 0
@@ -250,14 +220,14 @@ def _chunks(names: Iterable[str]) -> Iterator[list[str]]:
 
 
 def _read_bytes(names: Sequence[str], *_: object) -> int:
-    return 6 * sum(map(inputs.text_of, names))  # measured, as read and laid out
+    return 6 * sum(map(reading.text_of, names))  # measured, as read and laid out
 
 
-def _batches(reading: Iterable[Read], most: int | None, budget: Budget) -> Iterator[list[Read]]:
+def _batches(reads: Iterable[Read], most: int | None, budget: Budget) -> Iterator[list[Read]]:
     """Gather files until they hold ``most`` records: what is in memory, and in one transaction."""
     batch: list[Read] = []
     records = 0
-    for one in reading:
+    for one in reads:
         batch.append(one)
         if one.log is not None:
             # A ledger's versions of one excursion share its records.
@@ -274,27 +244,20 @@ def _batches(reading: Iterable[Read], most: int | None, budget: Budget) -> Itera
 
 def _added(
     batch: list[Read],
-    site: _Site,
+    site: Grid,
     settings: Settings,
     strict: bool,
     workers: Hands,
     progress: Progress,
 ) -> tuple[Joining, list[Outcome]]:
     """Add what is new in a batch to the grid, in one transaction."""
-    joining, outcomes = Joining(settings, None, site.path, strict), None
-    if not site.is_there:
+    with site.transaction():
+        # Looked up inside, so that nobody else can add an excursion in between.
+        joining = Joining(settings, None if site.is_new else site.ledger, site.path, strict)
         outcomes = _joined(joining, batch, workers)
-        if not joining.laid_out:
-            return joining, outcomes  # no grid is made for nothing
-    with site.grid.transaction():
-        if not site.grid.is_new:
-            # Inside the transaction, so that nobody else can add an excursion in between.
-            joining, outcomes = Joining(settings, site.ledger, site.path, strict), None
-        if outcomes is None:  # or what there was turned out to be the rest of a killed first run
-            outcomes = _joined(joining, batch, workers)
         if any(outcome.status != "refused" for outcome in outcomes):
-            site.grid.prepare(settings.evidence, settings.robots)
-        _write(joining, site.grid, settings.evidence, workers, progress)
+            site.prepare(settings.evidence, settings.robots)
+        _write(joining, site, settings.evidence, workers, progress)
     return joining, outcomes
 
 
@@ -303,7 +266,6 @@ def _joined(joining: Joining, batch: list[Read], workers: Hands) -> list[Outcome
     outcomes: list[Outcome] = []
     for one in batch:
         outcomes.append(_outcome(joining, one, workers))
-        log.info("%s: %s", outcomes[-1].path, outcomes[-1].status)
         if joining.strict and outcomes[-1].status == "refused":
             joining.undo()
             undone = f"not kept, since {printable(one.path)} was refused (--strict)"
@@ -338,15 +300,18 @@ def _outcome(joining: Joining, one: Read, workers: Hands) -> Outcome:
 def _laid_out(
     read: Read, settings: Settings, workers: Hands, versions: Sequence[Version]
 ) -> Iterator[LaidOut]:
-    """Yield versions laid out: as they were when they were read, or now."""
+    """Yield versions laid out: as they were when they were read or rehearsed, or now."""
     ready = [read.laid_out_of(one) for one in versions]
     missing = [one for one, done in zip(versions, ready, strict=True) if done is None]
     # Where many wait to be read, one would wait long; of a ledger there are many.
     several = workers if read.log is not None and read.log.is_ledger else SERIAL
     tasks = ((one, settings.evidence, settings.limits) for one in missing)
     made = several.map(lay_out, tasks, lambda one, *_: 1000 * len(one.map.records))
-    for done in ready:
-        yield next(made) if done is None else done
+    for one, done in zip(versions, ready, strict=True):
+        if done is None:
+            done = next(made)
+            read.laid_out.append((one, done))
+        yield done
 
 
 def _write(

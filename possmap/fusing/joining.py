@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
@@ -48,6 +48,11 @@ class Known:
     model: ErrorModel
     in_grid: int
     brought: tuple[Bringer, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """How many records are known."""
+        return max(self.in_grid, len(self.version.records))
 
 
 class Joined(NamedTuple):
@@ -103,16 +108,19 @@ class Joining:
             forgotten.
         """
         let_in, note = self._not_forgotten(log)
-        longest: dict[Name, int] = {}
-        for one in let_in:
-            longest[one.name] = max(one.count, longest.get(one.name, 0))
-        growing = {name: _Growing(self._what_is_known(name, longest[name])) for name in longest}
-        for one in let_in:
-            difference = growing[one.name].difference(one)
-            if difference is not None:
-                raise self._conflict(one, growing[one.name].known(), difference)
-            growing[one.name].add(one, self.settings)
-        grown = {name: one.known() for name, one in growing.items() if one.has_grown}
+        before: dict[Name, Known | None] = {}
+        after: dict[Name, Known] = {}
+        longest = _longest(let_in)
+        for one in _wholes(let_in):
+            if one.name not in before:
+                before[one.name] = self._what_is_known(one.name, longest[one.name])
+            after[one.name] = self._joined(one, after.get(one.name, before[one.name]))
+        known_before = {name: one.count if one else 0 for name, one in before.items()}
+        grown = {
+            name: one
+            for name, one in after.items()
+            if before[name] is None or one.count > known_before[name]
+        }
         versions = [
             Version(one.version, one.model, one.in_grid, one.brought[-1].place)
             for one in grown.values()
@@ -121,7 +129,7 @@ class Joining:
         self._known |= grown
         self.laid_out |= laid_out
         self.came += let_in
-        new = sum(growing[name].new for name in grown)
+        new = sum(one.count - known_before[name] for name, one in grown.items())
         return Joined(new, sum(longest.values()) - new, bool(grown), note)
 
     def undo(self) -> None:
@@ -165,6 +173,20 @@ class Joining:
             return None
         return Known(self.ledger.version(entry, longest), entry.model, entry.records)
 
+    def _joined(self, one: Delivery, known: Known | None) -> Known:
+        """Return what is known with a delivery; ConflictError if it disagrees."""
+        version, bringer = one.version, Bringer(one.count, one.place, one.origin)
+        if known is None:
+            model = self.settings.model_in_force(version.robot, version.model)
+            return Known(version, model, 0, (bringer,))
+        difference = first_difference(known.version, version)
+        if difference is not None:
+            raise self._conflict(one, known, difference)
+        if one.count <= known.count:
+            return known
+        longer = known.version.continued_by(version)
+        return replace(known, version=longer, brought=(*known.brought, bringer))
+
     def _bounded(self, log: LogFile, laid_out: Iterable[LaidOut]) -> Iterable[LaidOut]:
         """Refuse a log of which all together is too much work, as soon as it is."""
         most, work = self.settings.limits.limit_file_cells, 0.0
@@ -207,70 +229,21 @@ class Joining:
         return "the grid", False
 
 
-class _Growing:
-    """What is known of an excursion while the deliveries of one log are joined to it.
+def _longest(deliveries: Sequence[Delivery]) -> dict[Name, int]:
+    """Return how many records of each excursion were delivered, at most."""
+    longest: dict[Name, int] = {}
+    for one in deliveries:
+        longest[one.name] = max(one.count, longest.get(one.name, 0))
+    return longest
 
-    The ledger of a grid delivers beginnings of the same records, perhaps thousands of them. So of
-    what is delivered as the beginning of one whole no record is looked at or copied twice.
+
+def _wholes(deliveries: Sequence[Delivery]) -> Iterable[Delivery]:
+    """Return the longest beginning that was delivered of each whole.
+
+    The ledger of a grid delivers beginnings of the same records, perhaps thousands of them.
     """
-
-    def __init__(self, known: Known | None) -> None:
-        self._known = known
-        self._whole: PartialMap | None = None  # what was delivered last
-        self._agreed = 0  # so many of its records were compared
-        self._longer: Delivery | None = None  # of the same whole: what continues what is known
-        self._brought: list[Bringer] = []
-        self.before = 0 if known is None else max(known.in_grid, len(known.version.records))
-        self.has_grown = False
-
-    @property
-    def new(self) -> int:
-        """How many records were added."""
-        return len(self.known().version.records) - self.before
-
-    def difference(self, one: Delivery) -> Difference | None:
-        """Return where a delivery disagrees with what is known; None lets it be added."""
-        if self._known is None:
-            return None
-        if one.whole is not self._whole:
-            self._known, self._longer = self.known(), None
-            self._brought.clear()
-            found = first_difference(self._known.version, one.version)
-            self._whole, self._agreed = one.whole, one.count
-            return found
-        # What continues what is known is of the same whole, and needs no look.
-        mine = self._known.version.records
-        here = slice(self._agreed, min(one.count, len(mine)))
-        if here.start < here.stop and mine[here] != one.whole.records[here]:
-            return first_difference(self._known.version, one.version)
-        self._agreed = max(self._agreed, one.count)
-        return None
-
-    def add(self, one: Delivery, settings: Settings) -> None:
-        """Add what does not disagree."""
-        bringer = Bringer(one.count, one.place, one.origin)
-        if self._known is None:
-            model = settings.model_in_force(one.whole.robot, one.whole.model)
-            self._known = Known(one.version, model, 0, (bringer,))
-            self._whole, self._agreed, self.has_grown = one.whole, one.count, True
-            return
-        known = (
-            self._longer.count
-            if self._longer
-            else max(self._known.in_grid, len(self._known.version.records))
-        )
-        if one.count > known:
-            self._longer, self.has_grown = one, True
-            self._brought.append(bringer)
-
-    def known(self) -> Known:
-        """Return what is known now."""
-        assert self._known is not None
-        if self._longer is None:
-            return self._known
-        return Known(
-            self._known.version.continued_by(self._longer.version),
-            self._known.model,
-            self._known.in_grid,
-            (*self._known.brought, *self._brought),
-        )
+    longest: dict[int, Delivery] = {}
+    for one in deliveries:
+        if one.count >= longest.get(id(one.whole), one).count:
+            longest[id(one.whole)] = one
+    return longest.values()

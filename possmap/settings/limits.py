@@ -15,7 +15,7 @@ class Limits:
     """Bounds of one call; they do not belong to a grid.
 
     Objects and lists bound the memory of reading, since records are objects; cells of work
-    (``fusing.work``) of one log in all are not those of a grid's ledger.
+    (``fusing.layout``) of one log in all are not those of a grid's ledger.
     """
 
     limit_file_mib: Annotated[Positive, "largest log, decompressed [MiB]"] = 64.0

@@ -33,7 +33,7 @@ APART = 6 * 12.8
 """Metres between buildings: whole tiles at 5 cm, so that each is cut at its tiles alike."""
 
 STAGES = (
-    ("read and check logs", "possmap.fusing.inputs", "read"),
+    ("read and check logs", "possmap.fusing.reading", "read"),
     ("correct, propagate, lay out", "possmap.core.evidence", "findings"),
     ("cut at the borders of tiles", "possmap.core.plan", "plan_excursion"),
     ("rows of the ledger", "possmap.grid.rows", "excursion_rows"),

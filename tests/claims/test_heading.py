@@ -31,7 +31,7 @@ from possmap.core.ranges import NOT_NEGATIVE
 from possmap.core.records import PartialMap, Pose, Record, Wall
 from possmap.core.settings import Estimator, EvidenceSettings
 from possmap.core.track import stretches
-from possmap.fusing.work import works_of
+from possmap.fusing.layout import works_of
 from possmap.lab.simulate.logbook import Logbook
 
 metres = st.floats(-20, 20)

@@ -13,7 +13,7 @@ from possmap.core.propagation import ErrorRectangle
 from possmap.core.pyramid import FULL, Values
 from possmap.core.segment_table import table_of
 from possmap.core.stamping import Piece, extent, pieces_of, stamp
-from possmap.fusing.work import segment_works
+from possmap.fusing.layout import segment_works
 
 halves = st.floats(0, 1.2)
 resolutions = st.sampled_from([0.05, 0.1, 0.25])

@@ -16,7 +16,7 @@ from possmap.core.records import PartialMap, Pose, Record, Wall
 from possmap.core.segment_table import table_of
 from possmap.core.settings import EvidenceSettings
 from possmap.core.stamping import extent, pieces_of
-from possmap.fusing.work import BY_BODY, BY_LINE, segment_works, works_of
+from possmap.fusing.layout import BY_BODY, BY_LINE, segment_works, works_of
 from possmap.settings.limits import Limits
 
 SURE = ErrorModel(along=0, across=0, turn_spread=0, max_error=10_000)

@@ -30,7 +30,7 @@ from fuzz.words import CARMEN_WORDS, CSV_WORDS, JSON_WORDS, NUMBERS, TEXTS, YAML
 
 import possmap
 from possmap.errors import PossmapError
-from possmap.fusing import inputs
+from possmap.fusing import reading
 from possmap.grid.grid import Grid
 from possmap.lab.calibrate.trials_file import read_trials
 from possmap.lab.convert.tally import Tally
@@ -127,7 +127,7 @@ def _bag(path: Path) -> None:
 
 
 def _grid(path: Path) -> None:
-    inputs.read(str(path), LIMITS, allow_truncated=False)
+    reading.read(str(path), LIMITS, allow_truncated=False)
     with Grid(path) as grid:
         assert grid.settings is not None
         assert grid.robots is not None

@@ -1,12 +1,15 @@
-"""What ``fuse`` and ``check`` say of how far records reach, and of what walls told."""
+"""How far an excursion's records reach before its error silences them, and what of it is said."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import NamedTuple
 
+from possmap.core.evidence import Findings
+from possmap.core.observations import Observations
+from possmap.core.records import PartialMap
 from possmap.core.walls import MOST_OUTLIERS, SURPRISING
 from possmap.errors import plural, printable
-from possmap.fusing.layout import Reach
 from possmap.grid.tiles import Undecided
 
 FEW = 50
@@ -15,6 +18,50 @@ FEW = 50
 AXES_DOUBTED = 4.0
 """Σ r/√V / √n of the walls seen; farther from 0 the building's axes are not what they are said
 to be (METHOD §1)."""
+
+
+class Reach(NamedTuple):
+    """How many of an excursion's records the error leaves anything to say, and where they lie.
+
+    records : that lie on the map. beyond : how many of them say nothing, their error being
+    ``max_error`` or more. seq, t : of the first of these. box : x0, y0, x1, y1 of all [m].
+    observations : of the heading.
+    """
+
+    records: int
+    beyond: int
+    seq: int | None
+    t: float | None
+    box: tuple[float, float, float, float]
+    max_error: float
+    observations: Observations
+
+    @classmethod
+    def of(cls, version: PartialMap, found: Findings) -> Reach:
+        """Count the records of one excursion."""
+        most, places = found.model.max_error, found.geometry.values()
+        beyond = [
+            number
+            for number, (_, _, (half_x, half_y), _, _, (half_x2, half_y2), _) in (
+                found.geometry.items()
+            )
+            if half_x >= most or half_y >= most or half_x2 >= most or half_y2 >= most
+        ]
+        first = version.records[min(beyond)] if beyond else None
+        return cls(
+            len(found.geometry),
+            len(beyond),
+            first.seq if first else None,
+            first.t if first else None,
+            (
+                min((at.x for at in places), default=0.0),
+                min((at.y for at in places), default=0.0),
+                max((at.x for at in places), default=0.0),
+                max((at.y for at in places), default=0.0),
+            ),
+            most,
+            found.observations,
+        )
 
 
 def reach_line(
