@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from literal.method import literal_grid, literal_half_widths
 from literal.teams import Log, knowing_fixes, random_team, telling_of_turns, walls_settings
@@ -60,6 +60,7 @@ def as_carried(log: Log) -> Log:
 # --- The smoother ------------------------------------------------------------------------------
 
 
+@settings(max_examples=20)  # a dense Gaussian takes its time
 @given(st.integers(0, 10**9))
 def test_looking_back_is_the_conditioning_of_one_gaussian_of_all_states(seed: int) -> None:
     """Places, half-widths and headings of all poses, beside a dense joint Gaussian."""

@@ -165,6 +165,7 @@ def test_a_body_of_30_cm_gets_everywhere_in_a_generated_office(
         assert got[int(x0 * 10) : int(x1 * 10), int(y0 * 10) : int(y1 * 10)].any()
 
 
+@pytest.mark.thorough
 @budget(max_examples=40, deadline=None)
 @given(st.floats(5, 60), st.floats(5, 60), seeds)
 def test_a_generated_office_is_a_building(size_x: float, size_y: float, seed: int) -> None:

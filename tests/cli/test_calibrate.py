@@ -168,6 +168,7 @@ def test_a_robot_that_cannot_be_calibrated_leaves_the_others_theirs(tmp_path: Pa
     assert list(yaml.safe_load(model.read_text())["robots"]) == ["r1"]
 
 
+@pytest.mark.thorough
 def test_a_simulated_team_is_calibrated_from_its_logs_and_truth(tmp_path: Path) -> None:
     words = ["simulate", ROOT / "configs/missions/office.yaml", "-o", tmp_path / "team",
              "--seed", 3, "--set", "minutes=8", "--set", "drift=0.4"]  # fmt: skip
@@ -429,6 +430,7 @@ def test_optiodom_gives_a_model_per_geometry(tmp_path: Path) -> None:
     assert robots["Li0.205-Di0.085"]["model"]["scale"] == pytest.approx(0.998 * 84 / 85, abs=2e-3)
 
 
+@pytest.mark.thorough
 def test_intels_held_out_legs_lie_in_their_rectangles(tmp_path: Path) -> None:
     folder = need(REAL / "intel")
     told = found(folder / "intel-raw.json", "--mapping", "intel-json", "--truth-recording",

@@ -353,6 +353,7 @@ BOMBS: dict[str, tuple[str, Callable[[], bytes], str]] = {
 }  # fmt: skip
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(sys.platform != "linux", reason="memory is limited and measured on Linux")
 @pytest.mark.parametrize("name", BOMBS)
 def test_a_bomb_takes_little_memory(files: Path, name: str) -> None:

@@ -89,6 +89,7 @@ def test_strict_refuses_more_than_it_can_hold_at_once(
     assert run("fuse", *logs, "-g", "site.possmap", "--memory", 128).exit_code == 0
 
 
+@pytest.mark.thorough
 def test_with_little_memory_the_digest_is_the_same_and_the_bound_holds(tmp_path: Path) -> None:
     logs = tmp_path / "logs"
     logs.mkdir()

@@ -56,6 +56,7 @@ def test_every_commands_help_fits_a_terminal_and_its_list_says_what_it_does(comm
     assert first.split()[0] == COMMANDS[command].split()[0], "the same verb in both places"
 
 
+@pytest.mark.thorough
 @pytest.mark.default_profile
 def test_the_examples_run_one_after_the_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

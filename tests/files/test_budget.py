@@ -259,6 +259,7 @@ def bounded(folder: Path, rows: int, columns: int) -> Iterator[tuple[str, float]
         yield name, peak_mib(*args)
 
 
+@pytest.mark.thorough
 def test_commands_stay_within_their_memory(tmp_path: Path) -> None:
     peaks = dict(bounded(tmp_path, 40, 50))
     assert max(peaks.values()) < 160, peaks

@@ -507,6 +507,7 @@ def test_other_types_are_refused(tmp_path: Path) -> None:
     assert "the bag does not say what robots/Raw consists of" in problem
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("form", "count", "most"),
     # rosbags keeps the index of a .bag, some 200 bytes for each message, and chunks of 1 MB

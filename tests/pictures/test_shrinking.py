@@ -141,6 +141,7 @@ def test_a_contradiction_survives_and_none_is_made_up(shrink: int) -> None:
     assert tuple(coloured(beside, "map", chosen)[1, 0]) != tuple(yellow)
 
 
+@pytest.mark.thorough
 @given(st.integers(2, 40), st.integers(0, 10))
 def test_what_is_unknown_hides_nothing_that_is_known_beside_it(shrink: int, seed: int) -> None:
     sketch = scattered(seed, 90, 70)

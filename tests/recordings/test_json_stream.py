@@ -242,6 +242,7 @@ def test_an_entry_too_large_is_refused_without_keeping_the_file(path: Path) -> N
     assert peak < 200 << 20
 
 
+@pytest.mark.thorough
 def test_a_long_file_takes_little_memory(path: Path) -> None:
     row = json.dumps({"t": 1, "range": [1.25] * 180}).encode()
     with path.open("wb") as stream:

@@ -102,6 +102,7 @@ def test_only_who_truly_ends_within_reach_is_collected() -> None:
     assert "missed home" in seen
 
 
+@pytest.mark.thorough
 def test_the_host_knows_of_the_lost_what_they_told_others() -> None:
     told = 0
     for seed in range(1, 9):
