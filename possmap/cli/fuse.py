@@ -109,13 +109,11 @@ def fuse(
     """
     from possmap.cli.progress import bar
     from possmap.errors import plural, printable
-    from possmap.fusing.executors import collect_seldom
     from possmap.fusing.fuse import fuse as fuse_logs
     from possmap.fusing.reach import reach_line
 
     if dask is not None and jobs > 1:
         raise click.UsageError("--dask and --jobs exclude each other")
-    collect_seldom()
     try:
         summary = fuse_logs(
             logs,

@@ -13,6 +13,7 @@ from typing import Any
 
 import click
 
+from possmap.budget import collect_seldom
 from possmap.errors import PossmapError, did_you_mean
 from possmap.release import version
 
@@ -73,6 +74,7 @@ class _Lazy(click.Group):
             hangup = getattr(signal, "SIGHUP", None)  # the terminal went away
             if hangup is not None and signal.getsignal(hangup) is signal.SIG_DFL:  # no nohup
                 signal.signal(hangup, lambda *_: sys.exit(129))
+        collect_seldom()
         try:
             result = super().invoke(ctx)
             if sys.stdout is not None:  # None where it was closed before we began

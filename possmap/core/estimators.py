@@ -53,19 +53,17 @@ def estimate(
     """Correct the track of records, and carry the first pose's own error along it.
 
     records : with a pose among them.
-    refined : where its poses were found to have been (``possmap refine``); None: nobody asked.
+    refined : where its poses were found to have been (``possmap refine``), which says nothing of
+        observations; None: nobody asked.
     """
     first = next(one for one in records if isinstance(one, Pose))
     track = stretches(records)
+    if refined is not None:
+        laid, refined_errors = lay_refined(track, refined)
+        begin = refined[0]
+        return Estimate(begin.rectangle, begin[:2], first.heading_deg, laid, refined_errors)
     if settings.estimator == "walls":
-        found = _by_walls(first, track, fixes(records), model, settings)
-        if refined is None:
-            return found
-        laid, errors = lay_refined(track, refined)
-        first_pose = refined[0]
-        return found._replace(
-            start=first_pose.rectangle, place=first_pose[:2], stretches=laid, errors=errors
-        )
+        return _by_walls(first, track, fixes(records), model, settings)
     start = at_start(first, settings.estimator)
     corrected = correct(track, model)
     return Estimate(

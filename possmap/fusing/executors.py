@@ -8,7 +8,6 @@ open with half an answer, and whoever waits does so for ever: in 16 of 40 kills.
 
 from __future__ import annotations
 
-import gc
 import os
 import signal
 import traceback
@@ -19,7 +18,7 @@ from contextlib import AbstractContextManager, contextmanager
 from pickle import PickleError
 from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar
 
-from possmap.budget import Budget
+from possmap.budget import Budget, collect_seldom
 from possmap.errors import WorkerError, printable
 
 if TYPE_CHECKING:
@@ -265,11 +264,3 @@ def _end_with_parent() -> None:
     if parent is not None:
         parent.join()
         os._exit(1)
-
-
-def collect_seldom() -> None:
-    """Let Python seldom look for cycles: records are many, and none of them is in one.
-
-    That is a fourteenth of the time of a batch, and an eighth where other processes do it.
-    """
-    gc.set_threshold(100_000, 50, 100)

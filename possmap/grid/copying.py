@@ -79,10 +79,9 @@ def copy_excursions(
                     raise
                 lost.append(old.database.bare(error))
                 continue
+            told = found.observations if track is None else entry.observations
             new.ledger.add(
-                excursion_rows(
-                    version, entry.model, 0, found.geometry, plan.touched(), found.observations
-                )
+                excursion_rows(version, entry.model, 0, found.geometry, plan.touched(), told)
             )
             if track is not None:
                 new.ledger.tracks.add(entry.name, track)

@@ -9,6 +9,7 @@ from itertools import pairwise
 from operator import add
 from pathlib import Path
 
+from possmap.core.evidence import findings
 from possmap.core.lattice import Lattice, TileKey, Window
 from possmap.core.observations import Fit, Observations
 from possmap.core.plan import ExcursionPlan
@@ -125,7 +126,10 @@ def _contradictions(
     for entry in progress(entries, "excursion"):
         again = replay(grid, entry, settings)
         plans.append(again.plan)
-        told.append((again.findings.observations, again.findings.fit))
+        found_before = again.findings
+        if grid.ledger.tracks.track(entry.identity) is not None:  # which tells of no observations
+            found_before = findings(again.version, entry.model, settings)
+        told.append((found_before.observations, found_before.fit))
         # Five copies while all are sorted by tile.
         size += 5 * (again.plan.pieces.nbytes + again.plan.segments.nbytes)
         if size > _MOST_BYTES:
