@@ -53,23 +53,30 @@ def _starts(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) 
 
 
 def _fixes(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -> Any:
-    from possmap.lab.convert.legs import EndFix
+    from possmap.lab.convert.legs import KnownPlace
 
     found = []
     for text in value:
         where, _, said = text.partition("=")
         place, _, half = said.replace("±", "").rpartition(",")
-        is_known = place == "reference"
+        first, _, second = place.partition(",")
         try:
-            error, *at = [float(one) for one in (half, *([] if is_known else place.split(",")))]
+            error = float(half)
+            match where.strip().lower(), place:
+                case "end", "reference":
+                    known = KnownPlace(error)
+                case "end", _:
+                    known = KnownPlace(error, place=(float(first), float(second)))
+                case "columns", _ if first and second:
+                    known = KnownPlace(error, columns=(first.strip(), second.strip()))
+                case _:
+                    raise ValueError
+            if not (0 < error <= 1e6 and all(abs(one) <= 1e6 for one in known.place or ())):
+                raise ValueError
         except ValueError:
-            error, at = 0.0, []
-        is_sound = len(at) == (0 if is_known else 2) and all(abs(one) <= 1e6 for one in at)
-        if where.strip().lower() != "end" or not (is_sound and 0 < error <= 1e6):
-            raise click.BadParameter(
-                f"found {text!r}, expected end=X,Y,±M or end=reference,±M with M > 0"
-            )
-        found.append(EndFix(error, None if is_known else (at[0], at[1])))
+            expected = "end=X,Y,±M, end=reference,±M or columns=X,Y,±M with M > 0"
+            raise click.BadParameter(f"found {text!r}, expected {expected}") from None
+        found.append(known)
     return tuple(found)
 
 
@@ -134,7 +141,8 @@ def _angles(ctx: click.Context, param: click.Parameter, value: str) -> Any:
 @click.option(
     "--fix", "fixes", multiple=True, metavar="end=X,Y,±M", callback=_fixes,
     help="Where a recording truly ended, to M metres; once for each source. end=reference,±M: each "
-    "excursion ends where the reference has it.",
+    "excursion ends where the reference has it. columns=X,Y,±M: two columns of the recording say "
+    "where the robot truly was, in some rows.",
 )  # fmt: skip
 @click.option(
     "--reference", type=click.Path(exists=True, path_type=Path), metavar="FILE",

@@ -43,7 +43,7 @@ from possmap.core.settings import EvidenceSettings
 from possmap.core.track import stretches
 from possmap.core.walls import LEAST_LENGTH_M
 from possmap.fusing.fuse import fuse
-from possmap.lab.convert.legs import EndFix
+from possmap.lab.convert.legs import KnownPlace
 from possmap.lab.convert.request import Models, Request
 from possmap.lab.convert.run import convert_recordings
 from possmap.lab.convert.settings import ConvertSettings
@@ -199,7 +199,7 @@ def convert(
         models=Models(model),
         robot=data.name,
         errors=data.start_errors,
-        fixes=() if fix is None else (EndFix(fix),),
+        fixes=() if fix is None else (KnownPlace(fix),),
         reference=data.reference,
         reference_source=data.reference_source,
     )

@@ -154,6 +154,44 @@ def test_convert_ends_every_leg_where_the_reference_has_it(clone: Path) -> None:
         assert fix.error_x == 0.1
 
 
+def test_convert_takes_fixes_from_columns_that_few_rows_fill(clone: Path) -> None:
+    header, *rows = Path("data/recordings/hall.csv").read_text().splitlines()
+    known = {0: "1.5,2.5", 70: "3,4", 71: "3.25,4", len(rows) - 1: "-6,0.5"}
+    marked = [f"{row},{known.get(number, ',')}" for number, row in enumerate(rows)]
+    Path("marked.csv").write_text("\n".join([f"{header},mark_x,mark_y", *marked, ""]))
+    command = ["convert", "marked.csv", "--mapping", "data/recordings/hall.yaml", "-o", "out.jsonl"]
+    assert run(*command, "--fix", "columns=mark_x,mark_y,±0.05").exit_code == 0
+    (delivery,) = read_log(Path("out.jsonl"), Limits()).deliveries
+    records = delivery.version.records
+    found = {record.t: (record.x, record.y) for record in records if isinstance(record, Fix)}
+    times = {number: float(row.split(",")[0]) * 1e-3 for number, row in enumerate(rows)}
+    assert found == {
+        times[number]: tuple(map(float, text.split(","))) for number, text in known.items()
+    }
+    for before, record in pairwise(records):  # each stands behind the pose of its moment
+        if isinstance(record, Fix):
+            assert isinstance(before, Pose)
+            assert before.t == record.t
+
+
+@pytest.mark.parametrize(
+    ("columns", "problem"),
+    [
+        ("mark_x,mark_z", 'column "mark_z" is missing'),
+        ("mark_x,mark_y", "no row has numbers in mark_x and mark_y, expected some (--fix)"),
+    ],
+)
+def test_columns_without_a_fix_are_refused(columns: str, problem: str, clone: Path) -> None:
+    header, *rows = Path("data/recordings/hall.csv").read_text().splitlines()
+    lines = [f"{header},mark_x,mark_y", *(f"{row},," for row in rows), ""]
+    Path("marked.csv").write_text("\n".join(lines))
+    command = ["convert", "marked.csv", "--mapping", "data/recordings/hall.yaml", "-o", "out.jsonl"]
+    result = run(*command, "--fix", f"columns={columns},0.05", "--overwrite")
+    assert result.exit_code == 1
+    assert problem in result.stderr
+    assert not Path("out.jsonl").exists()
+
+
 @pytest.mark.parametrize(
     "fix",
     ["1,2,0.05", "start=1,2,0.05", "end=1,2,0", "end=1,2,-1", "end=1,2", "end=1,2,x", "end=1,2,3,4",
@@ -161,7 +199,8 @@ def test_convert_ends_every_leg_where_the_reference_has_it(clone: Path) -> None:
 )  # fmt: skip
 def test_convert_refuses_what_is_no_fix(fix: str, clone: Path) -> None:
     result = run("convert", HALL, *TRUTH, "--fix", fix, "-o", "out.jsonl")
-    problem = f"found {fix!r}, expected end=X,Y,±M or end=reference,±M with M > 0"
+    expected = "end=X,Y,±M, end=reference,±M or columns=X,Y,±M with M > 0"
+    problem = f"found {fix!r}, expected {expected}"
     assert (result.exit_code, result.stdout) == (2, "")
     assert result.stderr.splitlines()[-1] == f"Error: Invalid value for '--fix': {problem}"
     assert not Path("out.jsonl").exists()

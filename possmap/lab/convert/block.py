@@ -13,7 +13,7 @@ from possmap.lab.convert.hits import Hits, hits, without_echoes
 from possmap.lab.convert.lines import FittedWall, walls_of
 from possmap.lab.convert.log import JsonRecord
 from possmap.lab.convert.orthogonal import Alignment
-from possmap.lab.convert.samples import Floats, Mount, Samples
+from possmap.lab.convert.samples import Floats, Ints, Mount, Samples
 from possmap.lab.convert.settings import ConvertSettings
 from possmap.lab.convert.simplify import Outline, outline
 from possmap.lab.convert.tally import Tally
@@ -54,6 +54,7 @@ def converted(
     tally: Tally,
     claims: Claims | None = None,
     start: tuple[float, float] | None = None,
+    stops: Ints | None = None,
 ) -> Block:
     """Convert a piece of the track.
 
@@ -65,8 +66,10 @@ def converted(
         Where the block before ended; None for the first.
     claims
         Given after the building's axes corrected the heading: which runs say so.
+    stops
+        Samples that get a pose in any case.
     """
-    found = outline(samples, settings.tolerance, settings.turn_tolerance, start)
+    found = outline(samples, settings.tolerance, settings.turn_tolerance, start, stops)
     walls: list[FittedWall] = []
     sightings: list[tuple[int, JsonRecord]] = []
     readings = 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from statistics import median
 from typing import Protocol
@@ -11,7 +11,16 @@ from typing import Protocol
 import numpy as np
 
 from possmap.lab.convert.block import Block, Claims, converted
-from possmap.lab.convert.legs import WITHOUT_FIX, EndFix, Laying, Piece, Reference, Start, legs
+from possmap.lab.convert.legs import (
+    WITHOUT_FIX,
+    WITHOUT_SAMPLE,
+    KnownPlace,
+    Laying,
+    Piece,
+    Reference,
+    Start,
+    legs,
+)
 from possmap.lab.convert.lines import FittedWall
 from possmap.lab.convert.log import JsonRecord, LogBuilder
 from possmap.lab.convert.orthogonal import Alignment, Bearing, Straightening
@@ -80,14 +89,15 @@ class Place:
     start : of the first leg; None: where the recording has it. reference : poses for each leg.
     errors : half-widths of each leg's first pose, x, y [m] and heading [deg].
     alignment : the heading's error, from walls.
-    end : what is known of where it ends; None: nothing.
+    end : what is known of where it ends; None: nothing. marks : poses that it truly had on the way.
     """
 
     start: Start | None = None
     reference: Reference | None = None
     errors: tuple[float, float, float] = (0.0, 0.0, 0.0)
     alignment: Alignment | None = None
-    end: EndFix | None = None
+    end: KnownPlace | None = None
+    marks: Reference | None = None
 
 
 def convert(
@@ -122,6 +132,8 @@ def convert(
         now.take(piece)
     if now is not None:
         now.finish(is_last=True)
+    if place.marks is not None:
+        tally.add(WITHOUT_SAMPLE, count=len(place.marks.t) - outcome.kinds.get("fix", 0))
     return outcome
 
 
@@ -171,8 +183,8 @@ class _Leg:
     def finish(self, is_last: bool) -> None:
         """Convert what is left; is_last : whether the recording ends here."""
         self._convert(last=True)
-        self._write(self._log.finish())
         self._fix(is_last)
+        self._write(self._log.finish())
         self._outcome.way += self._way
         self._outcome.turned_deg += self._log.turned_deg
         if self._sink is not None:
@@ -181,7 +193,7 @@ class _Leg:
     def _fix(self, is_last: bool) -> None:
         """Write down where the leg truly ended, if that is known."""
         end, reference = self._place.end, self._place.reference
-        if end is None:
+        if end is None or end.columns is not None:
             return
         at = end.place if is_last else None
         if end.place is None and reference is not None:
@@ -189,7 +201,7 @@ class _Leg:
             at = None if found is None else found[:2]
             self._tally.add(WITHOUT_FIX, count=found is None)
         if at is not None:
-            self._write(self._log.fix(self._t, *at, end.half))
+            self._log.fix(self._t, *at, end.half)
 
     def _convert(self, last: bool) -> None:
         samples, way = joined(self._held), np.concatenate(self._ways)
@@ -203,11 +215,13 @@ class _Leg:
         else:
             block, block_way = samples, way
         around = joined([*self._past, samples])
+        marks = self._marks(block)
         found = converted(
-            block, self._mounts, around, self._settings, self._tally, self._claims, self._end
-        )
+            block, self._mounts, around, self._settings, self._tally, self._claims, self._end,
+            np.array(sorted(marks), dtype=np.int64),
+        )  # fmt: skip
         self._end = float(found.outline.x[-1]), float(found.outline.y[-1])
-        self._told(found, block, block_way)
+        self._told(found, block, block_way, marks)
         old = int(np.searchsorted(block.t, block.t[-1] - self._settings.echo_s))
         self._past = [block.part(old, -1)]
 
@@ -218,8 +232,19 @@ class _Leg:
             return None
         return max(cut, 1)
 
-    def _told(self, found: Block, block: Samples, way: Floats) -> None:
-        """Hand on a block's poses and sightings."""
+    def _marks(self, block: Samples) -> dict[int, int]:
+        """Return which samples of a block stand for marks: those of the same time."""
+        known = self._place.marks
+        if known is None:
+            return {}
+        first, last = np.searchsorted(known.t, block.t[[0, -1]], side="right")
+        first -= not self._log.begun and known.t[max(0, first - 1)] == block.t[0]
+        here = range(int(first), int(last))
+        at = np.searchsorted(block.t, known.t[here.start : here.stop])
+        return dict(zip(at.tolist(), here, strict=True))
+
+    def _told(self, found: Block, block: Samples, way: Floats, marks: Mapping[int, int]) -> None:
+        """Hand on a block's poses and sightings; marks : number of the mark by the sample's."""
         outcome, poses = self._outcome, found.outline
         first = 1 if self._log.begun else 0  # the block before ended where this one begins
         for number in range(first, len(poses.index)):
@@ -233,6 +258,11 @@ class _Leg:
                     found.seen[number - 1] if number else [],
                 )
             )
+            mark = marks.get(index)
+            if mark is not None and self._place.marks is not None and self._place.end is not None:
+                known = self._place.marks
+                at = float(known.x[mark]), float(known.y[mark])
+                self._log.fix(float(block.t[index]), *at, self._place.end.half)
         outcome.strays.add(found.strays[first:])
         outcome.readings += found.readings
         outcome.samples += len(found.strays) - first

@@ -17,17 +17,20 @@ Start: TypeAlias = tuple[float, float, float]
 """Where a leg begins: x, y [m] and heading [rad]."""
 
 
-class EndFix(NamedTuple):
-    """What is known of where a recording ends.
+class KnownPlace(NamedTuple):
+    """What is known of where a robot truly was.
 
-    half : half-width [m]. place : x, y [m]; None: each leg ends where the reference has it.
+    half : half-width [m]. place : x, y of the end [m]; None: each leg ends where the reference has
+    it, or ``columns`` of the recording have x and y, in some of its rows.
     """
 
     half: float
     place: tuple[float, float] | None = None
+    columns: tuple[str, str] | None = None
 
 
 WITHOUT_FIX = "legs that end where the reference knows no pose, without a fix"
+WITHOUT_SAMPLE = "rows that say where the robot truly was and are of no excursion, left out"
 BEFORE_REFERENCE = "samples before the first reference pose of a leg, left out"
 
 

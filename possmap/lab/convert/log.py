@@ -49,6 +49,7 @@ class LogBuilder:
     def __init__(self, errors: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
         self._errors = errors
         self._halts: list[_Halt] = []
+        self._fixes: list[JsonRecord] = []  # of the last pose
         self._direction: float | None = None
         self._backwards = False
         self._seq = 0
@@ -73,7 +74,8 @@ class LogBuilder:
             if not FORWARDS_DEG <= off <= BACKWARDS_DEG:  # sideways one keeps on as one did
                 self._backwards = off > BACKWARDS_DEG
             yield from self._settled(direction + 180.0 * self._backwards)
-        self._halts.append(_Halt(t, x, y, yaw_deg, seen))
+        self._halts.append(_Halt(t, x, y, yaw_deg, [*self._fixes, *seen]))
+        self._fixes.clear()
 
     def finish(self) -> Iterator[JsonRecord]:
         """Yield the rest: after the last run the robot goes on to look the way its body turned."""
@@ -83,12 +85,12 @@ class LogBuilder:
         turned = last.yaw_deg - first.yaw_deg
         before = first.yaw_deg if self._direction is None else self._direction
         yield from self._settled(before + turned, exactly=True)
+        yield from map(self._numbered, self._fixes)
 
-    def fix(self, t: float, x: float, y: float, half: float) -> Iterator[JsonRecord]:
-        """Yield where the robot truly was at its last pose, which is settled [m]."""
-        if self.poses:
-            place = {"x": round(x, 4) + 0.0, "y": round(y, 4) + 0.0}
-            yield self._numbered({"kind": "fix", "t": t, **place, "error_x": half, "error_y": half})
+    def fix(self, t: float, x: float, y: float, half: float) -> None:
+        """Take in where the robot truly was at its last pose [m]."""
+        place = {"x": round(x, 4) + 0.0, "y": round(y, 4) + 0.0}
+        self._fixes.append({"kind": "fix", "t": t, **place, "error_x": half, "error_y": half})
 
     def _settled(self, direction: float, exactly: bool = False) -> Iterator[JsonRecord]:
         halts, self._halts = self._halts, []

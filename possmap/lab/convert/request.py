@@ -9,7 +9,7 @@ from pathlib import Path
 
 from possmap.core.model import PARAMETERS
 from possmap.errors import SettingsError, shown
-from possmap.lab.convert.legs import EndFix, Start
+from possmap.lab.convert.legs import KnownPlace, Start
 from possmap.lab.convert.settings import ConvertSettings
 from possmap.lab.recordings import Recording, Source
 from possmap.settings.setting_table import ROBOT, parse_setting
@@ -103,7 +103,7 @@ class Request:
     robot: str | None = None
     excursion: str | None = None
     starts: tuple[Start, ...] = ()
-    fixes: tuple[EndFix, ...] = ()
+    fixes: tuple[KnownPlace, ...] = ()
     errors: tuple[float, float, float] = (0.0, 0.0, 0.0)
     reference: Path | None = None
     reference_source: Source = field(default_factory=Source)

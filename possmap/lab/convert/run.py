@@ -16,13 +16,14 @@ from possmap.core.model import ErrorModel
 from possmap.core.ranges import LARGEST
 from possmap.errors import OutputError, RecordingError, SettingsError, plural, printable
 from possmap.lab.convert.convert import Outcome, Place, convert
-from possmap.lab.convert.legs import Reference
+from possmap.lab.convert.legs import KnownPlace, Reference
 from possmap.lab.convert.log import JsonRecord
 from possmap.lab.convert.orthogonal import Alignment, align
 from possmap.lab.convert.request import Request, names_of
 from possmap.lab.convert.samples import unwrapped
 from possmap.lab.convert.tally import Tally
-from possmap.lab.recordings import Recording, open_recordings
+from possmap.lab.recordings import Recording, Source, open_recordings
+from possmap.lab.recordings.roles import Role
 from possmap.logs.excursion import Excursion
 from possmap.logs.fields import Fault, record_of
 from possmap.logs.writing import LEG, LogWriter, check_name, is_folder, writing
@@ -84,23 +85,28 @@ def convert_recordings(
     starts = _of_each(recordings, request.starts, "--start")
     fixes = request.fixes
     if any(one.place is None for one in fixes):
-        if request.reference is None:
+        if request.reference is None and any(one.columns is None for one in fixes):
             raise SettingsError("--fix: found end=reference, expected a --reference with it")
         fixes = fixes * len(recordings) if len(fixes) == 1 else fixes
     ends = _of_each(recordings, fixes, "--fix")
     reference = _reference(request)
     names = names_of(recordings, request)
+    marks = [_marks(path, end, request.source) for path, end in zip(paths, ends, strict=False)]
     with writing(output, overwrite) as writer:
         return [
             _convert_one(
                 recording,
                 name,
-                Place(start=start, reference=reference, errors=request.errors, end=end),
+                Place(
+                    start=start, reference=reference, errors=request.errors, end=end, marks=known
+                ),
                 request,
                 writer,
                 progress,
             )
-            for recording, name, start, end in zip(recordings, names, starts, ends, strict=True)
+            for recording, name, start, end, known in zip(
+                recordings, names, starts, ends, marks, strict=True
+            )
         ]
 
 
@@ -240,10 +246,37 @@ def _reference(request: Request) -> Reference | None:
     """Read the known poses, all of them: three numbers a pose stay in memory."""
     if request.reference is None:
         return None
-    (recording,) = open_recordings([request.reference], request.reference_source)
+    found = _poses(request.reference, request.reference_source)
+    if found is None:
+        raise RecordingError(str(request.reference), "gave no poses, expected a reference")
+    return found
+
+
+def _marks(path: Path, end: KnownPlace | None, source: Source) -> Reference | None:
+    """Read the places that two columns of a recording have, in some of its rows."""
+    if end is None or end.columns is None:
+        return None
+    mapping = source.mapping
+    if mapping is None or mapping.format == "ros" or len(mapping.tables) != 1:
+        raise SettingsError("--fix: found columns=, expected a --mapping of one table with it")
+    (table,) = mapping.tables
+    columns: dict[Role, str] = {"x": end.columns[0], "y": end.columns[1]}
+    if "t" in table.columns:
+        columns["t"] = table.columns["t"]
+    told = replace(table, columns=columns, beams=(), scan=None)
+    mapping = replace(mapping, tables=(told,))
+    found = _poses(path, replace(source, mapping=mapping, max_speed=math.inf, sparse=True))
+    if found is None:
+        a, b = end.columns
+        raise RecordingError(str(path), f"no row has numbers in {a} and {b}, expected some (--fix)")
+    return found
+
+
+def _poses(path: Path, source: Source) -> Reference | None:
+    (recording,) = open_recordings([path], source)
     parts = list(recording.samples(Tally(), None))
     if not parts:
-        raise RecordingError(str(request.reference), "gave no poses, expected a reference")
+        return None
     t, x, y, yaw = (
         np.concatenate([getattr(part, name) for part in parts]) for name in ("t", "x", "y", "yaw")
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -79,6 +80,7 @@ def outline(
     tolerance: float,
     turn_tolerance: float,
     start: tuple[float, float] | None = None,
+    stops: Ints | None = None,
 ) -> Outline:
     """Return the poses of a track: its ends, its bends, and where the body turned.
 
@@ -94,9 +96,11 @@ def outline(
         The farthest that the body's heading may lie from what is between two poses [rad].
     start
         Where the track before has put its last pose, which is this one's first [m].
+    stops
+        Samples that get a pose in any case, rising.
     """
     snap = SNAP * tolerance
-    bends = _bends(samples, max(tolerance - snap - 2 * ROUNDING_M, 0.0))
+    bends = _bends(samples, max(tolerance - snap - 2 * ROUNDING_M, 0.0), stops)
     first_x, first_y = start or (float(samples.x[0]), float(samples.y[0]))
     index, x, y = [0], [first_x], [first_y]
     for first, end in zip(bends[:-1].tolist(), bends[1:].tolist(), strict=True):
@@ -131,12 +135,12 @@ def _back(x: Floats, y: Floats, x0: float, y0: float, x1: float, y1: float) -> F
     return found
 
 
-def _bends(samples: Samples, tolerance: float) -> Ints:
+def _bends(samples: Samples, tolerance: float, stops: Ints | None) -> Ints:
     """Return the samples between which straight runs stay within the tolerance."""
-    last = len(samples) - 1
     kept = np.zeros(len(samples), dtype=np.bool_)
-    kept[[0, last]] = True
-    todo = [(0, last)]
+    kept[[0, -1]] = True
+    kept[[] if stops is None else stops] = True
+    todo = list(pairwise(np.flatnonzero(kept).tolist()))
     while todo:
         start, end = todo.pop()
         if end - start < 2:

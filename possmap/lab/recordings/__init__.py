@@ -43,6 +43,7 @@ class Source:
     pose_of : CARMEN: whose pose to believe. clock : bags: the messages' own, or the recorder's.
     guard : a step that differs more from the velocity is replaced [m]; None: the mapping's.
     jump, max_speed : what becomes of steps that no robot can make, such as faster ones [m/s].
+    sparse : whether few rows hold anything, of places far apart.
     """
 
     format: Format | None = None
@@ -53,11 +54,12 @@ class Source:
     guard: float | None = None
     jump: Jump = "bridge"
     max_speed: float | None = None
+    sparse: bool = False
 
     @property
     def handling(self) -> Handling:
         """What becomes of steps that no robot can make."""
-        return Handling(self.jump, self.max_speed)
+        return Handling(self.jump, self.max_speed, self.sparse)
 
 
 def open_recordings(paths: Sequence[Path], source: Source) -> list[Recording]:

@@ -97,6 +97,7 @@ class Interpreter:
         self._tally = tally
         self._clock = Clock(name, tally)
         self._guard = JumpGuard(mapping.guard, tally)
+        self._sparse = handling.sparse
         self._leaps = Leaps(name, handling.jump, handling.max_speed, tally)
         self._yaw: float | None = None
         self._t: float | None = None
@@ -132,7 +133,7 @@ class Interpreter:
         RecordingError
             If more than half of the rows were dropped.
         """
-        if 2 * self._lost > self._rows:
+        if 2 * self._lost > self._rows and not self._sparse:
             raise RecordingError(
                 f"{self._name}:{self._first_lost}",
                 f"{self._lost} of {self._rows} rows cannot be used, the first here, expected at "

@@ -19,10 +19,12 @@ class Handling:
     """What becomes of steps that no robot can make.
 
     max_speed : what is faster is one [m/s]; None: what stands out of the recording itself.
+    sparse : whether rows are places far apart, most of them empty: then no step is one.
     """
 
     jump: Jump = "bridge"
     max_speed: float | None = None
+    sparse: bool = False
 
 
 BRIDGED = Handling()
