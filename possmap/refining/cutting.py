@@ -88,23 +88,30 @@ def cut(version: PartialMap, model: ErrorModel, settings: EvidenceSettings) -> C
         **_turns(groups, before, first, model),
         seen=np.array(seen, dtype=np.float64).reshape(-1, 3),
         sightings=tuple(sightings),
-        fixed=_fixed(version, frame),
+        fixed=_fixed(version, frame, [row[3] if row[1] else _angle(groups[0]) for row in poses]),
         poses=np.array(poses),
         frame=frame,
     )
 
 
-def _fixed(version: PartialMap, frame: Frame) -> Floats:
-    """Return where the robot was known to be, as ``CutExcursion.fixed``."""
+def _fixed(version: PartialMap, frame: Frame, errors: Sequence[float]) -> Floats:
+    """Return where the robot was known to be, as ``CutExcursion.fixed``.
+
+    errors : of the filter's heading, at each pose [rad].
+    """
     told = [(number, one) for number, some in fixes(version.records).items() for one in some]
+    logged = [one.heading_deg for one in version.records if isinstance(one, Pose)]
     halves = frame.half_back(
         np.array([(one.error_x, one.error_y) for _, one in told]).reshape(-1, 2)
     )
-    rows = [
-        (number, *frame.turned((one.x, one.y)), *half)
-        for (number, one), half in zip(told, halves.tolist(), strict=True)
-    ]
-    return np.array(rows, dtype=np.float64).reshape(-1, 5)
+    rows = []
+    for (number, one), half in zip(told, halves.tolist(), strict=True):
+        off, off_half = 0.0, math.inf
+        if one.heading_deg is not None and one.error_heading_deg is not None:
+            off = math.radians(one.heading_deg - logged[number]) - errors[number]
+            off, off_half = math.remainder(off, math.tau), math.radians(one.error_heading_deg)
+        rows.append((number, *frame.turned((one.x, one.y)), *half, off, off_half))
+    return np.array(rows, dtype=np.float64).reshape(-1, 7)
 
 
 def _turns(

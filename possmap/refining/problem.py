@@ -81,8 +81,9 @@ class TrackProblem:
         poses = [one.poses[one.fixed[:, 0].astype(np.int64), :3] for one in excursions]
         run, self._fixed_a, self._fixed_b = np.concatenate(poses).T
         self._fixed_node = self.node[run.astype(np.int64) + self.first_run[fixed_owner]]
-        self._fixed = fixed[:, 1:3]
-        self._fixed_sd = fixed[:, 3:] / factor[fixed_owner, None]
+        self._fixed = fixed[:, [1, 2, 5]]
+        least = [LEAST_PLACE_M, LEAST_PLACE_M, LEAST_UNKNOWN]
+        self._fixed_sd = np.maximum(fixed[:, [3, 4, 6]], least) / factor[fixed_owner, None]
 
     def laid_out(self) -> Floats:
         """Return the nodes as the filter's runs make them, one behind the other [m]."""
@@ -146,6 +147,10 @@ class TrackProblem:
                 self._fixed[:, axis],
                 self._fixed_sd[:, axis] ** -2,
             )
+        known = np.ones(len(self._fixed_node))
+        system.add(
+            [3 * self._fixed_node + 2], [known], self._fixed[:, 2], self._fixed_sd[:, 2] ** -2
+        )
         return system.solve(with_variances)
 
     def _add_tracks(self, system: Bordered, heading: Floats) -> None:

@@ -99,7 +99,9 @@ class CutExcursion:
     sightings
         Walls seen.
     fixed
-        Where somebody knew it to be: number of the pose, place and half-widths [m]; shape (n, 5).
+        Where somebody knew it to be: number of the pose, place and half-widths [m]; by how much
+        more its heading was off than the filter corrected, with its half-width [rad], infinite if
+        nobody knew; shape (n, 7).
     poses
         Of each pose the run, the shares a and b of its chord and the filter's heading error [rad];
         then, in the site's frame, place and half-widths of the filter [m]; shape (poses, 8).

@@ -102,6 +102,23 @@ def test_who_is_known_to_have_ended_elsewhere_takes_along_who_saw_the_same_wall(
     assert (moved > 0.005).all(), "the other robot, too"
 
 
+@pytest.mark.parametrize("number", [0, -1])
+def test_a_heading_that_was_known_turns_the_run_beside_it(number: int) -> None:
+    outings = [straying("r1", 1.5), straying("r2", -1.5)]
+    one = outings[0]
+    places = [at for at, record in enumerate(one.records) if isinstance(record, Pose)]
+    pose, at = one.records[places[number]], places[number] + 1
+    assert isinstance(pose, Pose)
+    turned = []
+    for off in (0.0, 0.5):
+        fix = Fix(pose.seq, None, pose.x, pose.y, 5.0, 5.0, pose.heading_deg + off, 0.05)
+        known = replace(one, records=(*one.records[:at], fix, *one.records[at:]))
+        track = refined([known, outings[1]]).tracks[one.name]
+        run = track[1] if number == 0 else track[-1]
+        turned.append(np.degrees(run.heading_error))
+    assert turned[1] - turned[0] == pytest.approx(0.5, abs=0.05)
+
+
 def test_a_wrong_wall_planted_on_purpose_is_named() -> None:
     """Of five outings one tells of a wall half a metre nearer than all others see it."""
     honest = [straying(f"r{n}", strays) for n, strays in enumerate((0.4, -0.4, 0.2, -0.2))]
