@@ -5,6 +5,7 @@ against the truth. Prints, as Markdown, the tables of docs/refine.md: means over
 
     python tests/benchmarks/refining.py [--seeds 10] [--worlds maze ...] [--uncalibrated]
         [--set KEY=VALUE ...]                     # of the missions: ir_noise=0.03
+    python tests/benchmarks/refining.py --worlds thick    # the variants of quality.py, too
     python tests/benchmarks/refining.py --grid SITE.possmap --truth truth.json
         # one grid: of many nights, say, as quality.py --nights --keep leaves it; CPU time, memory
     python tests/benchmarks/refining.py --passes SITE.possmap ...
@@ -27,7 +28,7 @@ from pathlib import Path
 from statistics import mean
 
 import numpy as np
-from quality import PLANS, TUNED, WORLDS, World, drive, request
+from quality import PLANS, TUNED, VARIANTS, WORLDS, World, drive, request
 from repeated_passes import ranges_of
 
 from possmap.budget import Budget
@@ -188,7 +189,7 @@ def worlds_study(options: argparse.Namespace) -> None:
     """Print a row for each world, and one over all."""
     say(f"| world | {' | '.join(COLUMNS)} |", f"|{' --- |' * (len(COLUMNS) + 1)}")
     every = []
-    for world in WORLDS:
+    for world in (*WORLDS, *VARIANTS) if options.worlds else WORLDS:
         if options.worlds and not any(one in world.name for one in options.worlds):
             continue
         if world.plan and not (PLANS / world.plan).exists():
