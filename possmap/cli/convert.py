@@ -129,6 +129,7 @@ def _angles(ctx: click.Context, param: click.Parameter, value: str) -> Any:
 )  # fmt: skip
 @click.option("--misses/--no-misses", default=False, help="Keep beams that saw nothing, thinned.")
 @click.option("--robot", metavar="NAME", help="The robot's name.  [default: the file's]")
+@options.places
 @click.option("--excursion", metavar="NAME", help="The excursion's name.  [default: 1]")
 @click.option(
     "--start", "starts", multiple=True, metavar="X,Y,DEG", callback=_starts,
@@ -262,7 +263,8 @@ def _request(given: dict[str, Any]) -> Request:
     model_file = given.pop("model_file")
     try:
         columns = mapping_of(topics) if topics else None
-        models = models_of(model_file, dict(map(options.pair, given.pop("sets"))))
+        sets, places = given.pop("sets"), given.pop("places")
+        models = models_of(model_file, dict(map(options.pair, sets)), map(options.place, places))
     except SettingsError as error:
         if model_file is not None and not str(error).startswith("--"):
             raise

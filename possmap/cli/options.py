@@ -201,9 +201,20 @@ def chosen_base_rate(config: Path | None, base_rate: float | None) -> float:
     return in_force(Request(config=config).given()).base_rate if base_rate is None else base_rate
 
 
+places = click.option(
+    "--place",
+    "places",
+    multiple=True,
+    metavar="NAME=X,Y,DEG",
+    help="Where the frame of a robot's logs lies in the site, in metres and degrees; once for each "
+    "robot. A grid keeps it for what comes of that robot, a log has it in its model.",
+)
+
+
 def settings(command: F) -> F:
-    """Add ``--profile``, ``--config``, ``--resolution`` and ``--set``, which become ``request``."""
+    """Add ``--profile``, ``--config``, ``--resolution``, ``--set`` and ``--place``: ``request``."""
     for option in (
+        places,
         click.option(
             "--set",
             "overrides",
@@ -232,7 +243,11 @@ def _settings_like(begun: str) -> list[str]:
 
 
 def request(
-    profile: str | None, config: Path | None, resolution: str | None, overrides: tuple[str, ...]
+    profile: str | None,
+    config: Path | None,
+    resolution: str | None,
+    overrides: tuple[str, ...],
+    places: tuple[str, ...] = (),
 ) -> Request:
     """Return what the settings options ask for.
 
@@ -247,6 +262,10 @@ def request(
     sets: dict[str, Any] = {}
     for text in overrides:
         sets |= _given(*pair(text), "--set")
+    for text in places:
+        robot, numbers = place(text)
+        for name, number in numbers.items():
+            sets |= _given(f"robots.{robot}.{name}", number, "--place")
     return Request(profile, config, flags, sets)
 
 
@@ -262,6 +281,21 @@ def pair(text: str) -> tuple[str, str]:
     if not equals:
         raise click.BadParameter(f"{text!r}, expected KEY=VALUE", param_hint="--set")
     return name.strip(), value.strip()
+
+
+def place(text: str) -> tuple[str, dict[str, str]]:
+    """Return the robot and the parameters of what stands behind ``--place``.
+
+    Raises
+    ------
+    click.BadParameter
+        If it is no name with three numbers.
+    """
+    robot, _, numbers = text.rpartition("=")
+    found = numbers.split(",")
+    if not robot or len(found) != 3:
+        raise click.BadParameter(f"{text!r}, expected NAME=X,Y,DEG", param_hint="--place")
+    return robot.strip(), dict(zip(("frame_x", "frame_y", "frame_heading"), found, strict=True))
 
 
 def _given(name: str, text: str, origin: str) -> GivenSettings:

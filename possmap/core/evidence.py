@@ -12,6 +12,7 @@ from possmap.core.correction import CorrectedStretch
 from possmap.core.estimators import estimate
 from possmap.core.model import ErrorModel
 from possmap.core.observations import Fit, Observations
+from possmap.core.placing import placed
 from possmap.core.propagation import ErrorRectangle, StretchErrors
 from possmap.core.records import Beam, PartialMap, Pose, Wall
 from possmap.core.refined import RefinedTrack
@@ -132,6 +133,7 @@ def findings(
     ValueError
         If that is none of this excursion.
     """
+    excursion = placed(excursion, model)
     geometry: dict[int, Geometry] = {}
     evidence: list[Evidence] = []
     swath = Swath(settings.path_width, model.factor) if settings.path_width else None

@@ -46,6 +46,9 @@ class ErrorModel:
     sensor: Annotated[NotNegative, "half-width of the range sensor's error [m]"] = 0.0
     max_error: Annotated[Positive, "half-width beyond which data is irrelevant [m]"] = 1.0
     factor: Annotated[Positive, "standard deviations that a half-width stands for"] = 2.236
+    frame_x: Annotated[Number, "where the origin of the robot's logs lies in the site [m]"] = 0.0
+    frame_y: Annotated[Number, "the same, along y [m]"] = 0.0
+    frame_heading: Annotated[Number, "where the x axis of its logs points there [deg]"] = 0.0
 
     def __post_init__(self) -> None:
         for name in PARAMETERS:

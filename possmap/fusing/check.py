@@ -12,6 +12,7 @@ from functools import partial
 from possmap.core.estimators import estimate
 from possmap.core.linear import LinearError
 from possmap.core.model import ErrorModel
+from possmap.core.placing import placed
 from possmap.core.propagation import RIGHT_ANGLE, PoseError
 from possmap.core.records import KIND_OF, PartialMap, Pose, Wall
 from possmap.core.settings import EvidenceSettings
@@ -105,7 +106,9 @@ def check(
     names = progress(list(reading.expand(logs)), "log")
     files = tuple(_checked(name, joining, settings, allow_truncated) for name in names)
     reach = {name: one.reach for name, one in joining.laid_out.items()}
-    return CheckSummary(files, reach, _axes(one.whole for one in joining.came))
+    wholes = (one.whole for one in joining.came)
+    laid = (placed(one, settings.model_in_force(one.robot, one.model)) for one in wholes)
+    return CheckSummary(files, reach, _axes(laid))
 
 
 def _axes(versions: Iterable[PartialMap]) -> float | None:
@@ -179,7 +182,7 @@ def _last_error(
     first = next((record for record in version.records if isinstance(record, Pose)), None)
     if first is None:
         return None
-    found = estimate(version.records, model, settings)
+    found = estimate(placed(version, model).records, model, settings)
     if found.errors:
         return found.errors[-1].after
     heading_half = min(RIGHT_ANGLE, math.radians(first.error_heading_deg))

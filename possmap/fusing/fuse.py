@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -17,9 +18,9 @@ from possmap.budget import Budget
 from possmap.core.lattice import TileKey
 from possmap.core.plan import TileWork, by_tile
 from possmap.core.settings import EvidenceSettings
-from possmap.errors import LogError, TileError, WorkerError, printable
+from possmap.errors import LogError, SettingsError, TileError, WorkerError, printable
 from possmap.fusing import reading
-from possmap.fusing.advice import refuse_refined
+from possmap.fusing.advice import refuse_refined, word
 from possmap.fusing.executors import SERIAL, Hands, hands
 from possmap.fusing.joining import Joining
 from possmap.fusing.layout import LaidOut, StoredTile, Version, lay_out, stamp
@@ -33,12 +34,16 @@ from possmap.grid.tiles import MOST_COUNTED, Undecided
 from possmap.progress import Progress, quiet
 from possmap.release import version
 from possmap.settings.request import Request, in_force
+from possmap.settings.setting_table import ROBOT, GivenSettings
 from possmap.settings.settings import Settings
 
 log = logging.getLogger(__name__)
 
 DEFAULT_MIB = 4096
 """Enough for the largest log that the limits let in."""
+
+FRAME = re.compile(r"robots\..+\.frame_(x|y|heading)")
+"""A setting of ``--place``."""
 
 READ_AT_ONCE = 2**18
 """Bytes of logs that are worth sending to a worker."""
@@ -158,6 +163,7 @@ def fuse(
         known = None if site is None or site.is_new else site
         if known is not None:
             refuse_refined(known, "fuse further logs into")
+            _check_places(given, known)
         settings = in_force(given, known.stored_settings() if known else None, grid)
         names = progress(list(reading.expand(logs, recursive)), "log")
         workers = stack.enter_context(hands(jobs, dask, budget))
@@ -181,6 +187,22 @@ def fuse(
         if site is not None and touched and not dry_run and len(touched) <= MOST_COUNTED:
             undecided = site.tiles.undecided(touched)
     return FuseSummary(grid, tuple(outcomes), reach, undecided, time.perf_counter() - start)
+
+
+def _check_places(given: GivenSettings, site: Grid) -> None:
+    """Refuse to place a robot elsewhere than where what is known of it was placed."""
+    places = {name: one for name, one in given.items() if FRAME.fullmatch(name)}
+    models = {one.robot: one.model for one in site.ledger.entries()} if places else {}
+    for name, (value, origin) in places.items():
+        robot, _, parameter = name.removeprefix(ROBOT).rpartition(".")
+        was = getattr(models[robot], parameter) if robot in models else value
+        if value != was:
+            path = str(site.path)
+            raise SettingsError(
+                f"{origin}: {name}, found {value:g}, but in {printable(path)} robot {robot} was "
+                f"placed with {was:g}; to lay its logs anew: possmap fuse {word(path)} "
+                "-g NEW.possmap with this --place, and those of other robots"
+            )
 
 
 @contextmanager

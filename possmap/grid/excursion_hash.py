@@ -15,7 +15,7 @@ from possmap.core.records import FIELDS, KIND_OF, KINDS, PartialMap, Record
 
 Values: TypeAlias = tuple[Any, ...]
 
-LATER = frozenset({"turned", "wall_noise", "wall_tilt"})
+LATER = frozenset({"turned", "wall_noise", "wall_tilt", "frame_x", "frame_y", "frame_heading"})
 """Fields and parameters that came after the first hashes: while they say nothing, or what was so
 before, they are not hashed, and digests stay."""
 

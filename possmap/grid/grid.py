@@ -37,6 +37,9 @@ LATER: Mapping[str, Value] = MappingProxyType(
         "pass_weight": 1.0,
         "wall_noise": 0.045,
         "wall_tilt": 4.5,
+        "frame_x": 0.0,
+        "frame_y": 0.0,
+        "frame_heading": 0.0,
     }
 )
 """Settings that came after the first digests, with what was so before: then they are not in it."""
@@ -235,6 +238,8 @@ class Grid:
             except (ValueError, RecursionError, SettingsError) as error:
                 raise self._database.damaged(f"setting {brief(name)}: {error}") from error
         for name in SHAPING:
+            if name.startswith("frame_"):  # grids are older than these
+                stored.setdefault(name, LATER[name])
             if name not in stored:
                 raise self._database.damaged(f"setting {name} is missing")
         return stored

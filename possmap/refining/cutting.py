@@ -11,6 +11,7 @@ import numpy as np
 
 from possmap.core.correction import CorrectedStretch
 from possmap.core.model import ErrorModel
+from possmap.core.placing import placed
 from possmap.core.propagation import StretchErrors
 from possmap.core.records import PartialMap, Pose, Wall
 from possmap.core.settings import EvidenceSettings
@@ -53,6 +54,7 @@ class _Step(NamedTuple):
 
 def cut(version: PartialMap, model: ErrorModel, settings: EvidenceSettings) -> CutExcursion | None:
     """Cut an excursion into runs; None if it has none."""
+    version = placed(version, model)
     first = next((one for one in version.records if isinstance(one, Pose)), None)
     track = stretches(version.records)
     if first is None or not any(one.is_run for one in track):

@@ -33,7 +33,8 @@ NEVER_NEGATIVE = (
 BELOW, ZERO = "found -0.5, expected a number >= 0", "found 0, expected a number > 0"
 PARAMETERS = (
     "along, across, turn_bias, turn_gain, turn_spread, turn_noise, drift, drift_spread, scale, "
-    "alignment_spread, wall_noise, wall_tilt, sensor, max_error, factor"
+    "alignment_spread, wall_noise, wall_tilt, sensor, max_error, factor, "
+    "frame_x, frame_y, frame_heading"
 )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -25,11 +25,13 @@ class Models:
     """Parameters of the error model that are given: for any robot, for some, and above all.
 
     general : of a settings file. robots : of its ``robots:``. sets : of the command line.
+    places : where robots' frames lie in the site, by name.
     """
 
     general: Mapping[str, float] = field(default_factory=dict)
     robots: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     sets: Mapping[str, float] = field(default_factory=dict)
+    places: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def is_silent_on(self, robot: str) -> bool:
         """Whether the file names robots, but neither this one nor values for any."""
@@ -37,11 +39,19 @@ class Models:
 
     def of(self, robot: str) -> dict[str, float]:
         """Return what holds for a robot."""
-        return {**self.general, **self.robots.get(robot, {}), **self.sets}
+        return {
+            **self.general, **self.robots.get(robot, {}), **self.sets, **self.places.get(robot, {})
+        }  # fmt: skip
 
 
-def models_of(path: Path | None, sets: Mapping[str, str]) -> Models:
-    """Return the models of a settings file, as ``possmap calibrate`` writes it, and of ``--set``.
+def models_of(
+    path: Path | None,
+    sets: Mapping[str, str],
+    places: Iterable[tuple[str, Mapping[str, str]]] = (),
+) -> Models:
+    """Return the models of a settings file, as ``possmap calibrate`` writes it, and of options.
+
+    places : of ``--place``, robot and parameters.
 
     Raises
     ------
@@ -60,7 +70,11 @@ def models_of(path: Path | None, sets: Mapping[str, str]) -> Models:
     for name, text in sets.items():
         value, origin = parse_setting(name, text, "--set")
         given[_parameter(name, origin)] = float(value)
-    return Models(general, robots, given)
+    laid = {
+        robot: {k: float(parse_setting(k, text, "--place").value) for k, text in parameters.items()}
+        for robot, parameters in places
+    }
+    return Models(general, robots, given, laid)
 
 
 def _parameter(name: str, origin: str) -> str:

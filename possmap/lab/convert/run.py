@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +14,14 @@ import numpy as np
 from possmap.atomic import check_output
 from possmap.core.model import ErrorModel
 from possmap.core.ranges import LARGEST
-from possmap.errors import OutputError, RecordingError, SettingsError, plural, printable
+from possmap.errors import (
+    OutputError,
+    RecordingError,
+    SettingsError,
+    plural,
+    printable,
+    shown,
+)
 from possmap.lab.convert.convert import Outcome, Place, convert
 from possmap.lab.convert.legs import KnownPlace, Reference
 from possmap.lab.convert.log import JsonRecord
@@ -24,6 +31,7 @@ from possmap.lab.convert.samples import unwrapped
 from possmap.lab.convert.tally import Tally
 from possmap.lab.recordings import Recording, Source, open_recordings
 from possmap.lab.recordings.roles import Role
+from possmap.logs import encoding_of
 from possmap.logs.excursion import Excursion
 from possmap.logs.fields import Fault, record_of
 from possmap.logs.writing import LEG, LogWriter, check_name, is_folder, writing
@@ -91,6 +99,7 @@ def convert_recordings(
     ends = _of_each(recordings, fixes, "--fix")
     reference = _reference(request)
     names = names_of(recordings, request)
+    _check_places(request.models.places, [robot for robot, _ in names], output)
     marks = [_marks(path, end, request.source) for path, end in zip(paths, ends, strict=False)]
     with writing(output, overwrite) as writer:
         return [
@@ -108,6 +117,19 @@ def convert_recordings(
                 recordings, names, starts, ends, marks, strict=True
             )
         ]
+
+
+def _check_places(places: Iterable[str], robots: Sequence[str], output: Path) -> None:
+    """Refuse places that would be lost: of unknown robots, or in a log without models."""
+    for robot in places:
+        if robot not in robots:
+            known = ", ".join(dict.fromkeys(robots))
+            raise SettingsError(f"--place: found robot {shown(robot)}, expected one of {known}")
+        if encoding_of(output) == ".csv":
+            name = printable(str(output))
+            raise OutputError(
+                f"{name}: a CSV holds no place (--place), expected .jsonl or a folder"
+            )
 
 
 def _check_is_no_source(output: Path, paths: Sequence[Path]) -> None:

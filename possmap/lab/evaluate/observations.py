@@ -12,6 +12,7 @@ from possmap.core.estimators import estimate
 from possmap.core.evidence import Findings, Segment, findings
 from possmap.core.lattice import HAIR, Lattice, Window
 from possmap.core.model import ErrorModel
+from possmap.core.placing import placed
 from possmap.core.pyramid import count_of, relevant, stamps
 from possmap.core.records import Beam, PartialMap, Pose, Wall
 from possmap.core.refined import RefinedTrack
@@ -43,7 +44,7 @@ class JudgedExcursion:
         found = findings(version, model, settings, refined)
         if not found.geometry:
             return cls(version, found, {})
-        laid = estimate(version.records, model, settings, refined)
+        laid = estimate(placed(version, model).records, model, settings, refined)
         runs = {
             one.logged.end_index: Segment(
                 one.logged.end_index, *one.start, *one.end, errors.start, errors.end
