@@ -27,27 +27,27 @@ def _layers() -> tuple[str, ...]:
     required=True,
     type=click.Path(path_type=Path),
     metavar="OUT",
-    help="What to write; its suffix says how: .npz, .yaml, .geojson, .csv, .png, .svg, .dxf, .bt"
-    " or .ot.",
+    help="What to write; its suffix says how: .npz, .yaml, .mcap, .geojson, .csv, .png, .svg,"
+    " .dxf, .bt or .ot.",
 )
 @options.window
 @click.option(
     "--mode",
     type=click.Choice(["trinary", "scale", "raw"]),
-    help="How map_server reads a .yaml's image.  [default: trinary]",
+    help="How map_server reads a .yaml's image, or what cells of a .mcap are.  [default: trinary]",
 )
 @click.option(
     "--occupied",
     type=click.FloatRange(0, 1, min_open=True),
     metavar="N",
-    help="A cell is occupied where its belief reaches this (.yaml, .geojson, .svg, .dxf, .bt)."
-    "  [default: 0.5]",
+    help="A cell is occupied where its belief reaches this (.yaml, .mcap, .geojson, .svg,"
+    " .dxf, .bt).  [default: 0.5]",
 )
 @click.option(
     "--free",
     type=click.FloatRange(0, 1, max_open=True),
     metavar="P",
-    help="Else it is free where its plausibility is not above this (.yaml, .geojson, .bt)."
+    help="Else it is free where its plausibility is not above this (.yaml, .mcap, .geojson, .bt)."
     "  [default: 0.5]",
 )
 @click.option(
@@ -77,6 +77,7 @@ def export(
     \b
     .npz      arrays of the readouts of every cell (Python)
     .yaml     a ROS map, with its image .pgm (--mode scale: .png) beside it
+    .mcap     map and tracks for ROS 2; needs: pip install 'possmap[ros]'
     .geojson  tracks, walls with their error, corners, the map's outline (GIS)
     .csv      a line for each cell that holds evidence
     .png      one layer in 16 bits, with its world file .pgw beside it (GIS)

@@ -23,6 +23,7 @@ from possmap.exports.job import (
     nothing_in_window,
     refuse_itself,
 )
+from possmap.exports.mcap import write_mcap
 from possmap.exports.octomap import write_occupied, write_probabilities
 from possmap.exports.png import write_layer
 from possmap.exports.ros_map import image_beside, write_ros_map
@@ -61,6 +62,9 @@ FORMATS: Mapping[str, Format] = MappingProxyType(
         ".npz": Format(write_npz, may_be_empty=True, least=0.08),
         ".yaml": _ROS,
         ".yml": _ROS,
+        ".mcap": Format(
+            write_mcap, frozenset({"mode", "occupied", "free", "base_rate"}), least=1.0
+        ),
         ".geojson": Format(write_geojson, frozenset({"occupied", "free"})),
         ".csv": Format(write_cells),
         ".png": Format(

@@ -90,12 +90,12 @@ def _description(job: Job) -> str:
 def _pixels(job: Job) -> Iterator[tuple[bool, NDArray[Any]]]:
     table = pixel_of(job.choices.mode)
     for band in bands(job.window, from_top=True):
-        percent = job.filled(band, partial(_percent, job), UNKNOWN, np.int8)[::-1]
-        yield band.column0 == job.window.column0, table[percent + 1]
+        told = job.filled(band, partial(percent, job), UNKNOWN, np.int8)[::-1]
+        yield band.column0 == job.window.column0, table[told + 1]
 
 
-def _percent(job: Job, area: Window) -> NDArray[np.int8]:
-    """Return what map_server is to publish: 0 free … 100 occupied, -1 unknown."""
+def percent(job: Job, area: Window) -> NDArray[np.int8]:
+    """Return the cells of an OccupancyGrid: 0 free … 100 occupied, -1 unknown."""
     choices, occupied, free = job.choices, job.occupied(area), job.free(area)
     found = np.where(occupied, np.int8(100), np.where(free, np.int8(0), np.int8(UNKNOWN)))
     if choices.mode != "trinary":
@@ -110,15 +110,15 @@ def pixel_of(mode: str) -> NDArray[np.uint8]:
 
     Shape (102,), or (102, 4) for ``scale``: red, green, blue, opacity.
     """
-    percent = np.arange(101)
+    levels = np.arange(101)
     if mode == "raw":
-        return np.concatenate([[255], percent]).astype(np.uint8)
+        return np.concatenate([[255], levels]).astype(np.uint8)
     if mode == "trinary":
         shades = np.full(102, 205, dtype=np.uint8)
         shades[1], shades[101] = 254, 0
         return shades
     occupied, free = THRESHOLDS[mode]
-    darkness = free + percent / 100 * (occupied - free)
+    darkness = free + levels / 100 * (occupied - free)
     darkness[0], darkness[100] = 0, 1
     shade = np.rint(255 * (1 - darkness))
     pixels = np.empty((102, 4), dtype=np.uint8)

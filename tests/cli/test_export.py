@@ -90,8 +90,8 @@ def test_quiet_prints_nothing(grid: Path, tmp_path: Path) -> None:
         ("site.npx", 'unknown suffix ".npx", did you mean ".npz"?'),
         (
             "site",
-            'unknown suffix "", expected one of .npz, .yaml, .yml, .geojson, .csv, .png, .svg, '
-            ".dxf, .bt, .ot",
+            'unknown suffix "", expected one of .npz, .yaml, .yml, .mcap, .geojson, .csv, '
+            ".png, .svg, .dxf, .bt, .ot",
         ),
         (".", None),
         ("a" * 300 + ".npz", None),

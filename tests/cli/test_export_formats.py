@@ -25,6 +25,7 @@ BESIDE = {".yaml": ".pgm", ".yml": ".pgm", ".png": ".pgw"}
 EXTRAS = [
     (".dxf", "ezdxf", "dxf"),
     (".bt", "pyoctomap", "octomap"),
+    (".mcap", "rosbags", "ros"),
 ]
 
 
@@ -217,15 +218,15 @@ def test_a_single_cell_is_a_map_too(suffix: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "suffix", "complaint"),
     [
-        (["--mode", "raw"], ".png", "--mode belongs to .yaml, .yml, not to .png."),
+        (["--mode", "raw"], ".png", "--mode belongs to .yaml, .yml, .mcap, not to .png."),
         (["--layer", "points"], ".yaml", "--layer belongs to .png, not to .yaml."),
-        (["--free", "0.1"], ".svg", "--free belongs to .yaml, .yml, .geojson, .bt, not to .svg."),
+        (["--free", "0.1"], ".svg", "--free belongs to .yaml, .yml, .mcap, .geojson, .bt,"),
         (
             ["--occupied", "0.1"],
             ".csv",
-            "--occupied belongs to .yaml, .yml, .geojson, .svg, .dxf, .bt",
+            "--occupied belongs to .yaml, .yml, .mcap, .geojson, .svg, .dxf, .bt",
         ),
-        (["--base-rate", "0.1"], ".npz", "--base-rate belongs to .yaml, .yml, .png, .ot, not to"),
+        (["--base-rate", "0.1"], ".npz", "--base-rate belongs to .yaml, .yml, .mcap, .png"),
         (["--mode", "grey"], ".yaml", "'grey' is not one of 'trinary', 'scale', 'raw'"),
         (["--layer", "necesity"], ".png", 'unknown layer "necesity", did you mean "necessity"?'),
         (["--layer", "x"], ".png", 'unknown layer "x", expected one of necessity, possibility'),
