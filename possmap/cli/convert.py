@@ -162,6 +162,10 @@ def _angles(ctx: click.Context, param: click.Parameter, value: str) -> Any:
     "--orthogonal", is_flag=True, help="Correct the heading by the building's right angles."
 )
 @click.option(
+    "--align", is_flag=True,
+    help="Turn the log's frame onto the building's axes, and say in its model how far walls lean.",
+)  # fmt: skip
+@click.option(
     "--model", "model_file", type=options.EXISTING_FILE,
     help="A YAML file of error-model parameters; drift, turn_gain and scale are applied.",
 )  # fmt: skip
@@ -252,6 +256,9 @@ def _request(given: dict[str, Any]) -> Request:
         raise click.UsageError("--topic and --mapping say the same thing, expected one of them")
     if given["reference"] is not None and given["starts"]:
         raise click.UsageError("--reference says where excursions begin, expected no --start")
+    for name, option in (("places", "--place"), ("fixes", "--fix")):
+        if given["align"] and given[name]:
+            raise click.UsageError(f"{option} says where the frame lies, expected no --align")
     for name in ("robot", "excursion"):
         if given[name] is not None and not NAME.fullmatch(given[name]):
             raise click.BadParameter(

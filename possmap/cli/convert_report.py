@@ -18,8 +18,8 @@ from possmap.lab.recordings.leaps import JUMPS
 SLOWEST, FASTEST = 2e-3, 20.0
 """No robot drives slower or faster in the middle of its way [m/s]."""
 
-STEADY_DEG_PER_M = 0.2
-"""A drift that the axes of a building should not have to take out [deg/m]."""
+ODD_AXIS_DEG = 2.0
+"""Axes that are farther off those of the frame are told [deg]."""
 
 
 def to_json(found: Sequence[Converted], output: Path) -> dict[str, Any]:
@@ -53,7 +53,8 @@ def _one_to_json(one: Converted) -> dict[str, Any]:
         ],
     }
     if one.alignment is not None:
-        told["orthogonal"] = _alignment_to_json(one.alignment)
+        name = "orthogonal" if one.settings.orthogonal else "axes"
+        told[name] = _alignment_to_json(one.alignment)
     return told
 
 
@@ -62,6 +63,7 @@ def _alignment_to_json(told: Alignment) -> dict[str, Any]:
         "axis_deg": round(math.degrees(told.axis), 3),
         "share_near_an_axis": round(told.share, 4),
         "wall_spread_deg": _degrees(told.spread),
+        "wall_lean_deg": _degrees(told.lean),
         "steady_drift_deg_per_m": _degrees(told.drift),
         "walls": [
             {
@@ -111,11 +113,32 @@ def report(found: Sequence[Converted], output: Path, verbose: bool) -> None:
             click.echo(f"  counted    {entry['count']} {entry['what']}{first}")
         if "orthogonal" in told:
             _report_alignment(told["orthogonal"], verbose)
+        if "axes" in told and one.alignment is not None:
+            _report_axes(one.alignment, one.settings.align)
+        if one.alignment is not None and one.alignment.is_steady and _uses_axes(one):
+            click.echo(
+                f"  drift      {math.degrees(one.alignment.drift):+.2f} deg/m of the heading's "
+                "error is steady: add it to --set drift=..., and right angles tell the rest"
+            )
         for doubt in _doubts(one):
             click.echo(f"possmap: {name}: {doubt}", err=True)
     grid = printable(f"{output.name.partition('.')[0]}.possmap")
     click.echo(
         f"{printable(str(output))}: written; next: possmap fuse {printable(str(output))} -g {grid}"
+    )
+
+
+def _report_axes(found: Alignment, is_aligned: bool) -> None:
+    """Say where the axes are, if they are not those of the log's frame."""
+    told = _alignment_to_json(found)
+    axis, walls, lean = told["axis_deg"], told["walls"], told["wall_lean_deg"]
+    if not found.tells_axes or not (is_aligned or abs(axis) >= ODD_AXIS_DEG):
+        return
+    leaning = "" if lean is None else f", 95 % within {lean:.1f} deg of the others"
+    advice = f"--align turns the frame onto them, or fuse --set axes={axis:.1f}"
+    click.echo(
+        f"  axes       {sum(wall['used'] for wall in walls)} of {len(walls)} long walls near "
+        f"{axis:.1f} deg{leaning}: {'the frame is turned onto them' if is_aligned else advice}"
     )
 
 
@@ -128,18 +151,17 @@ def _report_alignment(told: dict[str, Any], verbose: bool) -> None:
         f"{max(errors):+.1f} deg; one wall from the others "
         f"{'unknown' if spread is None else f'{spread:.1f} deg'}"
     )
-    drift = told["steady_drift_deg_per_m"]
-    if abs(drift) >= STEADY_DEG_PER_M:
-        click.echo(
-            f"  drift      {drift:+.2f} deg/m of the heading's error is steady: add it to "
-            "--set drift=..., and right angles tell the rest"
-        )
     for wall in walls if verbose else ():
         click.echo(
             f"    leg {wall['leg']:3d} at {wall['way_m']:7.2f} m: {wall['length_m']:5.2f} m, "
             f"{wall['off_axis_deg']:+6.1f} deg off the axis, heading off "
             f"{wall['heading_error_deg']:+6.1f} deg{'' if wall['used'] else ', not used'}"
         )
+
+
+def _uses_axes(one: Converted) -> bool:
+    """Whether somebody asked for the building's axes."""
+    return one.settings.orthogonal or one.settings.align
 
 
 def _doubts(one: Converted) -> Iterator[str]:
@@ -163,7 +185,7 @@ def _doubts(one: Converted) -> Iterator[str]:
             f"{plural(jumps, 'step')} no robot can make: --jump says what becomes of them, "
             "--max-speed which they are; counters that begin anew need ticks: {wrap: ...}"
         )
-    if one.alignment is not None and one.alignment.is_doubtful:
+    if _uses_axes(one) and one.alignment is not None and one.alignment.is_doubtful:
         yield (
             f"only {one.alignment.share:.0%} of its walls lie within 20 degrees of an axis, so the "
             "heading stays as it is: is the building one of right angles, and the robot's drift "

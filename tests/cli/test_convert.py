@@ -14,6 +14,7 @@ from click.testing import CliRunner, Result
 
 from possmap.cli.main import main
 from possmap.core.records import PartialMap, Pose, Wall
+from possmap.fusing.check import check
 from possmap.logs import read_log
 from possmap.settings.limits import Limits
 
@@ -225,3 +226,47 @@ def test_a_calibrated_model_is_taken_robot_by_robot(clone: Path) -> None:
     )
     assert dict(known.model) == {"along": 0.02} and dict(unknown.model) == {"along": 0.03}
     assert off(known) < 0.8 and off(unknown) > 3
+
+
+def test_align_turns_the_frame_onto_the_buildings_axes(clone: Path) -> None:
+    askew = ["--start", "3,4,30", *KNOWN]
+    (plain,), (aligned,) = converted(LOG, *askew), converted(LOG, *askew, "--align")
+    assert aligned.records == plain.records, "the model turns the frame, not the log"
+    assert dict(aligned.model).keys() == {"frame_heading"}, "these walls lean no more than usual"
+    assert dict(aligned.model)["frame_heading"] == pytest.approx(-29, abs=1)
+    assert abs(check(["out.jsonl"]).axes_deg or 45.0) < 2
+    said = run("convert", LOG, *askew, "-o", "out.jsonl", "--overwrite").stdout
+    assert "29 of 29 long walls near 29.0 deg" in said
+    assert "--align turns the frame onto them, or fuse --set axes=29.0" in said
+
+
+def test_align_says_how_far_walls_lean(clone: Path) -> None:
+    """Beams that are off by some centimetres make walls that lean."""
+    rng = np.random.default_rng(3)
+    header, *rows = Path(TABLE).read_text().splitlines()
+    noisy = []
+    for row in rows:
+        *first, right, ahead, left = row.split(",")
+        ranges = [
+            text if float(text) < 0 else f"{float(text) + rng.normal(0, 60):.0f}"
+            for text in (right, ahead, left)
+        ]
+        noisy.append(",".join([*first, *ranges]))
+    Path("noisy.csv").write_text("\n".join([header, *noisy, ""]))
+    mapping = ["--mapping", "data/recordings/hall.yaml", "--wall-error", "0.15", *KNOWN]
+    (log,) = converted("noisy.csv", *mapping, "--align")
+    assert 4.5 < dict(log.model)["wall_tilt"] < 20
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "problem"),
+    [
+        (["--fix", "end=1,2,0.1"], 2, "--fix says where the frame lies, expected no --align"),
+        (["--place", "hall=1,2,3"], 2, "--place says where the frame lies, expected no --align"),
+        (["-o", "out.csv"], 1, "out.csv: a CSV holds no place (--align), expected .jsonl or a"),
+    ],
+)
+def test_align_stands_alone(options: list[str], code: int, problem: str, clone: Path) -> None:
+    result = run("convert", LOG, "-o", "out.jsonl", "--align", *options)
+    assert result.exit_code == code
+    assert problem in result.stderr

@@ -33,6 +33,9 @@ and repeated passes of one corridor then lie farther apart."""
 WALL_SPREAD = math.radians(4)
 """Standard deviation of the direction of a wall of the least length [rad]."""
 
+STEADY_DEG_PER_M = 0.2
+"""A drift that the axes of a building should not have to take out [deg/m]."""
+
 FEW_AGREE = 0.6
 """Below this share of walls near an axis, the building may not be one of right angles."""
 
@@ -107,12 +110,15 @@ class Alignment:
     spread
         Standard deviation of a wall's direction from what the other walls say [rad]; NaN where
         fewer than three were used.
+    lean
+        Within this 95 % of them lie, tails and all [rad]; NaN likewise.
     """
 
     axis: float
     nodes: dict[int, tuple[Floats, Floats]]
     walls: tuple[Used, ...]
     spread: float
+    lean: float
 
     def error(self, leg: int, way: Floats) -> Floats:
         """Return the heading's error along a leg [rad]."""
@@ -146,6 +152,16 @@ class Alignment:
     def is_doubtful(self) -> bool:
         """Whether so few long walls lie near an axis that they tell no heading."""
         return self.share < FEW_AGREE
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether most of the heading's error is a drift, which bends the axes found, too."""
+        return abs(math.degrees(self.drift)) >= STEADY_DEG_PER_M
+
+    @property
+    def tells_axes(self) -> bool:
+        """Whether the axes found are those of the building."""
+        return not self.is_doubtful and not self.is_steady
 
     @property
     def share(self) -> float:
@@ -234,12 +250,16 @@ def _summed_up(
         walls.append(Used(one, off, step.use))
         if step.use:
             left_out.append(off / max(0.05, 1 - variance / one.variance))
-    spread = 1.4826 * float(np.median(np.abs(left_out))) if len(left_out) >= 3 else math.nan
+    spread = lean = math.nan
+    if len(left_out) >= 3:
+        spread = 1.4826 * float(np.median(np.abs(left_out)))
+        lean = float(np.quantile(np.abs(left_out), 0.95))
     return Alignment(
         math.remainder(axis, QUARTER),
         {leg: (np.array(way), np.array(listed)) for leg, (way, listed) in nodes.items()},
         tuple(walls),
         spread,
+        lean,
     )
 
 

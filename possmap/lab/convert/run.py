@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,6 +28,7 @@ from possmap.lab.convert.log import JsonRecord
 from possmap.lab.convert.orthogonal import Alignment, align
 from possmap.lab.convert.request import Request, names_of
 from possmap.lab.convert.samples import unwrapped
+from possmap.lab.convert.settings import ConvertSettings
 from possmap.lab.convert.tally import Tally
 from possmap.lab.recordings import Recording, Source, open_recordings
 from possmap.lab.recordings.roles import Role
@@ -52,7 +53,8 @@ class Converted:
     """One recording, converted.
 
     robot : its name in the logs. outcome : what came of it. has_model : whether somebody said how
-    wrong its odometry is. tally : what was left out on the way. alignment : with ``--orthogonal``.
+    wrong its odometry is. tally : what was left out on the way. alignment : what its walls say of
+    the building's axes; None without long walls. settings : how it was converted.
     """
 
     recording: Recording
@@ -61,6 +63,7 @@ class Converted:
     outcome: Outcome
     tally: Tally
     alignment: Alignment | None
+    settings: ConvertSettings
 
 
 def convert_recordings(
@@ -99,7 +102,7 @@ def convert_recordings(
     ends = _of_each(recordings, fixes, "--fix")
     reference = _reference(request)
     names = names_of(recordings, request)
-    _check_places(request.models.places, [robot for robot, _ in names], output)
+    _check_places(request, [robot for robot, _ in names], output)
     marks = [_marks(path, end, request.source) for path, end in zip(paths, ends, strict=False)]
     with writing(output, overwrite) as writer:
         return [
@@ -119,17 +122,16 @@ def convert_recordings(
         ]
 
 
-def _check_places(places: Iterable[str], robots: Sequence[str], output: Path) -> None:
+def _check_places(request: Request, robots: Sequence[str], output: Path) -> None:
     """Refuse places that would be lost: of unknown robots, or in a log without models."""
-    for robot in places:
+    for robot in request.models.places:
         if robot not in robots:
             known = ", ".join(dict.fromkeys(robots))
             raise SettingsError(f"--place: found robot {shown(robot)}, expected one of {known}")
-        if encoding_of(output) == ".csv":
-            name = printable(str(output))
-            raise OutputError(
-                f"{name}: a CSV holds no place (--place), expected .jsonl or a folder"
-            )
+    if (request.models.places or request.settings.align) and encoding_of(output) == ".csv":
+        option = "--place" if request.models.places else "--align"
+        problem = f"a CSV holds no place ({option}), expected .jsonl or a folder"
+        raise OutputError(f"{printable(str(output))}: {problem}")
 
 
 def _check_is_no_source(output: Path, paths: Sequence[Path]) -> None:
@@ -159,7 +161,7 @@ def _convert_one(
     given = request.models.of(name[0])
     settings = replace(request.settings, known=ErrorModel(**given))
     alignment = None
-    if settings.orthogonal:
+    if settings.orthogonal or settings.align:
         with _told(progress, recording, "walls") as tell:
             # Once for the walls alone: their tally would count everything twice.
             seen = convert(
@@ -167,7 +169,7 @@ def _convert_one(
             )
         start_spread = math.radians(place.errors[2]) / settings.known.factor
         alignment = align(seen.bearings, start_spread)
-        if alignment is not None and not alignment.is_doubtful:
+        if settings.orthogonal and alignment is not None and not alignment.is_doubtful:
             place = replace(place, alignment=alignment)
     tally = Tally()
     model = {k: v for k, v in given.items() if k not in APPLIED}
@@ -175,6 +177,10 @@ def _convert_one(
     if told is not None and "alignment_spread" not in model and math.isfinite(told.spread):
         spread = math.degrees(told.spread) * settings.known.factor
         model["alignment_spread"] = round(spread, 3)
+    if settings.align and alignment is not None and alignment.tells_axes:
+        model["frame_heading"] = round(-math.degrees(alignment.axis), 3)
+        if not settings.orthogonal and "wall_tilt" not in model:
+            model |= _tilt(alignment, settings)
     sink = _Written(writer, recording, name, model, request.is_cut)
     with _told(progress, recording, "convert") as tell:
         outcome = convert(
@@ -196,7 +202,15 @@ def _convert_one(
             f"models that do not name the robot {name[0]}, so that the log has none "
             f"(--robot {next(iter(request.models.robots))}?)",
         )
-    return Converted(recording, name[0], bool(given), outcome, tally, alignment)
+    if alignment is None:
+        alignment = align(outcome.bearings)
+    return Converted(recording, name[0], bool(given), outcome, tally, alignment, settings)
+
+
+def _tilt(alignment: Alignment, settings: ConvertSettings) -> dict[str, float]:
+    """Return how far walls lean from the axes, as the model has it, if that is more than usual."""
+    lean = math.degrees(alignment.lean)
+    return {"wall_tilt": round(lean, 2)} if lean > settings.known.wall_tilt else {}
 
 
 class _Written:

@@ -33,6 +33,8 @@ class ConvertSettings:
         Whether beams that saw nothing are kept, thinned.
     orthogonal
         Whether the building's right angles correct the heading.
+    align
+        Whether the log's model turns its frame onto them, and says how far walls lean.
     legs
         Length of the excursions that a recording is cut into [m]; None: one.
     known
@@ -49,5 +51,6 @@ class ConvertSettings:
     wall_hits: int = 4
     misses: bool = False
     orthogonal: bool = False
+    align: bool = False
     legs: float | None = None
     known: ErrorModel = field(default_factory=ErrorModel)
