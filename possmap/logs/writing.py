@@ -16,6 +16,7 @@ from possmap.atomic import replacing
 from possmap.errors import OutputError, printable
 from possmap.logs import SUFFIXES, encoding_of
 from possmap.logs.csv_log import COLUMNS
+from possmap.settings.limits import Limits
 
 EXTRA_COLUMN = "x_yaw"
 """A pose's key that a CSV has a column for."""
@@ -35,6 +36,24 @@ class LogWriter(Protocol):
 
     def end(self) -> None:
         """End the excursion."""
+
+
+class _Bounded(io.TextIOWrapper):
+    """The text of a log, no larger than a reader takes unasked."""
+
+    def __init__(self, stream: BinaryIO, path: Path) -> None:
+        super().__init__(stream, encoding="utf-8", newline="\n")
+        self._path, self._mib = path, Limits().limit_file_mib
+        self._left = int(self._mib * 2**20)  # of characters: all are ASCII
+
+    def write(self, text: str) -> int:
+        self._left -= len(text)
+        if self._left < 0:
+            raise OutputError(
+                f"{printable(str(self._path))}: becomes larger than {self._mib:g} MiB, which fuse "
+                "does not take (limit_file_mib); --legs and a folder make several logs of it"
+            )
+        return super().write(text)
 
 
 class _Json:
@@ -107,7 +126,8 @@ class _Folder:
         while name in self._names:
             name = name.replace(".json", "+.json")
         self._names.add(name)
-        stream = self._open.enter_context((self._folder / name).open("w", encoding="utf-8"))
+        path = self._folder / name
+        stream = self._open.enter_context(_Bounded(path.open("wb"), Path(name)))
         self._log = _Json(stream)
         self._log.begin(head)
 
@@ -175,7 +195,7 @@ def writing(path: Path, overwrite: bool) -> Iterator[LogWriter]:
             # No name and no time in the file: one recording gives one set of bytes.
             packed = stack.enter_context(gzip.GzipFile("", "wb", 6, stream, mtime=0))
             raw = cast("BinaryIO", packed)
-        text = io.TextIOWrapper(raw, encoding="utf-8", newline="\n")
+        text = _Bounded(raw, path)
         writer: LogWriter = kinds.get(encoding or "", _JsonLines)(text)
         try:
             yield writer

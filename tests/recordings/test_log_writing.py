@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from possmap.errors import OutputError
 from possmap.logs import read_log
 from possmap.logs.writing import LogWriter, writing
 from possmap.settings.limits import Limits
@@ -157,3 +158,15 @@ def test_a_folder_keeps_its_other_logs(tmp_path: Path) -> None:
     assert (out / "r-1_b.json").read_bytes() == before
     ((*_, records, _),) = excursions(out / "r-1_a.json")
     assert records == []
+
+
+@pytest.mark.parametrize("name", ["log.jsonl", "log.csv", "log.json", "log.jsonl.gz", "logs"])
+def test_no_log_becomes_larger_than_fuse_takes(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("possmap.logs.writing.Limits", lambda: Limits(limit_file_mib=0.01))
+    problem = r"becomes larger than 0.01 MiB, which fuse does not take \(limit_file_mib\)"
+    records = [{"seq": seq, **POSE} for seq in range(1000)]
+    with pytest.raises(OutputError, match=problem):
+        write(tmp_path / name, ({"robot": "r1", "excursion": "a"}, records))
+    assert list(tmp_path.iterdir()) == []
