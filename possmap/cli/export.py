@@ -12,11 +12,28 @@ from possmap.cli import options
 if TYPE_CHECKING:
     from possmap.grid.selection import Selection
 
+FARTHEST = 1e8
+"""No reference system in metres has a place farther off."""
+
 
 def _layers() -> tuple[str, ...]:
     from possmap.exports.job import LAYERS
 
     return LAYERS
+
+
+def _offset(
+    ctx: click.Context, param: click.Parameter, text: str | None
+) -> tuple[float, float] | None:
+    if text is None:
+        return None
+    try:
+        x, y = map(float, text.split(","))
+    except ValueError:
+        x = y = float("nan")
+    if not (abs(x) <= FARTHEST and abs(y) <= FARTHEST):
+        raise click.BadParameter(f"found {text!r}, expected X,Y within ±1e8")
+    return x, y
 
 
 @click.command(epilog="Example: possmap export site.possmap -o site.npz")
@@ -55,6 +72,18 @@ def _layers() -> tuple[str, ...]:
     type=options.Named("layer", _layers),
     metavar="NAME",
     help="What a .png shows: a view, or points.  [default: belief]",
+)
+@click.option(
+    "--epsg",
+    type=click.IntRange(1024, 32767),
+    metavar="CODE",
+    help="The reference system in which a .geojson's coordinates are, such as 32633.",
+)
+@click.option(
+    "--offset",
+    callback=_offset,
+    metavar="X,Y",
+    help="Where the site's (0, 0) lies in it, in metres (.geojson, .png).",
 )
 @options.base_rate
 @options.selection

@@ -65,11 +65,11 @@ FORMATS: Mapping[str, Format] = MappingProxyType(
         ".mcap": Format(
             write_mcap, frozenset({"mode", "occupied", "free", "base_rate"}), least=1.0
         ),
-        ".geojson": Format(write_geojson, frozenset({"occupied", "free"})),
+        ".geojson": Format(write_geojson, frozenset({"occupied", "free", "epsg", "offset"})),
         ".csv": Format(write_cells),
         ".png": Format(
             write_layer,
-            frozenset({"layer", "base_rate"}),
+            frozenset({"layer", "base_rate", "offset"}),
             beside=lambda output, choices: (output.with_suffix(".pgw"),),
             least=0.002,
         ),

@@ -8,11 +8,10 @@ from typing import Any, BinaryIO
 
 from possmap.core.evidence import Geometry
 from possmap.core.records import Corner, Fix
-from possmap.exports.job import Job, Outing, tidy
+from possmap.exports.job import Job, Outing, Point, tidy
 from possmap.exports.outline import Polygon, metres, outlines
 
 Feature = dict[str, Any]
-Point = tuple[float, float]
 
 CRS = {"type": "name", "properties": {"name": 'LOCAL_CS["possmap site",UNIT["metre",1]]'}}
 """Metres that lie nowhere on Earth. Without it, or with null, GDAL takes them for degrees."""
@@ -29,22 +28,36 @@ def write_geojson(job: Job, streams: Sequence[BinaryIO]) -> None:
     OutputError
         If the outline is too long for memory.
     """
-    out = streams[0]
+    out, choices = streams[0], job.choices
+
+    def line(feature: Feature) -> bytes:
+        if choices.offset != (0.0, 0.0):
+            place = feature["geometry"]
+            place["coordinates"] = _moved(place["coordinates"], *choices.offset)
+        return json.dumps(feature, allow_nan=False).encode()
+
     kinds = ("outline", job.known), ("occupied", job.occupied), ("free", job.free)
     areas = [
         _areas(job, kind, shapes) for kind, marked in kinds if (shapes := outlines(job, marked))
     ]
-    head = {"type": "FeatureCollection", "crs": CRS, "possmap": dict(job.facts())}
+    crs = CRS
+    if choices.epsg is not None:
+        name = f"urn:ogc:def:crs:EPSG::{choices.epsg}"
+        crs = {"type": "name", "properties": {"name": name}}
+    head = {"type": "FeatureCollection", "crs": crs, "possmap": dict(job.facts())}
     out.write(json.dumps(head)[:-1].encode() + b', "features": [\n')
-    out.write(b",\n".join(map(_line, areas)))
+    out.write(b",\n".join(map(line, areas)))
     for outing in job.outings():
         for feature in _features(outing):
-            out.write(b",\n" + _line(feature))
+            out.write(b",\n" + line(feature))
     out.write(b"\n]}\n")
 
 
-def _line(feature: Feature) -> bytes:
-    return json.dumps(feature, allow_nan=False).encode()
+def _moved(coordinates: Any, x: float, y: float) -> Any:
+    """Return coordinates, however deep in lists, farther by x and y [m]."""
+    if isinstance(coordinates, tuple):
+        return tidy(coordinates[0] + x), tidy(coordinates[1] + y)
+    return [_moved(one, x, y) for one in coordinates]
 
 
 def _features(outing: Outing) -> Iterator[Feature]:

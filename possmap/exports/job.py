@@ -20,7 +20,7 @@ from possmap.errors import OutputError, printable, shown
 from possmap.grid.grid import MOST_CELLS, Grid
 from possmap.release import version
 
-FRAME = "site: x right, y up, in metres; no geographic reference"
+FRAME = "site: x right, y up, in metres"
 MODES = ("trinary", "scale", "raw")
 LAYERS = (*(view for view in VIEWS if view != "pignistic_logit"), "points")
 
@@ -29,6 +29,7 @@ A_PART = "take a part of it: --window X0,Y0,X1,Y1"
 MOST = 1 << 22
 """Cells of a band, at most: small numbers for them fit in memory beside floats for a few tiles."""
 
+Point: TypeAlias = tuple[float, float]
 Marks: TypeAlias = NDArray[np.bool_]
 Metres: TypeAlias = tuple[float, float, float, float]
 """A rectangle: x0, y0, x1, y1."""
@@ -43,6 +44,8 @@ class Choices:
     free : else it is free where Pl is not above it, at least 0 and below 1.
     layer : of a picture, one of LAYERS.
     base_rate : of the view probability, between 0 and 1.
+    epsg : code of the reference system; None: a local frame.
+    offset : where the site's (0, 0) lies in it, x and y [m].
     """
 
     mode: str = "trinary"
@@ -50,6 +53,8 @@ class Choices:
     free: float = 0.5
     layer: str = "belief"
     base_rate: float = 0.5
+    epsg: int | None = None
+    offset: Point = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         for name, found, known in (("mode", self.mode, MODES), ("layer", self.layer, LAYERS)):
@@ -91,6 +96,14 @@ class Job:
         x, y = self.grid.origin(self.window)
         return tidy(x), tidy(y)
 
+    @property
+    def frame(self) -> str:
+        """In what coordinates are, in words."""
+        system = "no geographic reference" if self.choices.epsg is None else ""
+        (x, y), code = self.choices.offset, self.choices.epsg
+        told = f"{FRAME}; {system or f'EPSG:{code}'}"
+        return told if (x, y) == (0, 0) else f"{told}; the site's (0, 0) lies at {x!r}, {y!r}"
+
     def facts(self, cells_are: str = "") -> Mapping[str, str]:
         """Return what a file says of itself: ASCII, one line each."""
         x, y = self.origin
@@ -105,7 +118,7 @@ class Job:
                 else {}
             ),
             "resolution": f"{self.grid.resolution!r} m per cell",
-            "frame": FRAME,
+            "frame": self.frame,
             "origin": f"{x!r}, {y!r} m, the lower left corner of the first cell",
             "cells": f"{rows} rows x {columns} columns",
             "excursions": ascii(self.selection)[1:-1],

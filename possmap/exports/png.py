@@ -121,4 +121,6 @@ def _world(job: Job) -> str:
     """Return a world file: a pixel's sides, and the centre of the upper left one [m]."""
     c = job.grid.resolution
     x, y = job.grid.lattice.centre_of(job.window.row1 - 1, job.window.column0)
-    return "".join(f"{line!r}\n" for line in (c, 0.0, 0.0, -c, tidy(x), tidy(y)))
+    off_x, off_y = job.choices.offset
+    place = tidy(x + off_x), tidy(y + off_y)
+    return "".join(f"{line!r}\n" for line in (c, 0.0, 0.0, -c, *place))

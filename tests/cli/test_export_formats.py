@@ -325,3 +325,36 @@ def test_what_is_selected_is_written_as_from_a_grid_of_its_own(tmp_path: Path) -
     told = [(tmp_path / f"{name}.csv").read_text().splitlines() for name in ("all", "one")]
     assert "# excursions: excursions like b of r1" in told[0]
     assert [line for line in told[0] if not line.startswith("# excursions: ")] == told[1]
+
+
+def test_a_geojson_stands_where_the_site_lies_on_earth(grid: Path, tmp_path: Path) -> None:
+    here, there = tmp_path / "here.geojson", tmp_path / "there.geojson"
+    assert run("export", grid, "-o", here).exit_code == 0
+    placed = ["--epsg", "32633", "--offset", "500000.5,-20"]
+    assert run("export", grid, "-o", there, *placed).exit_code == 0
+    found, expected = json.loads(there.read_text()), json.loads(here.read_text())
+    assert found["crs"]["properties"]["name"] == "urn:ogc:def:crs:EPSG::32633"
+    assert "EPSG:32633; the site's (0, 0) lies at 500000.5, -20.0" in found["possmap"]["frame"]
+
+    def points(one: object) -> list[list[float]]:
+        if isinstance(one, list) and one and isinstance(one[0], float):
+            return [one]
+        return [point for part in one for point in points(part)] if isinstance(one, list) else []
+
+    for moved, one in zip(found["features"], expected["features"], strict=True):
+        assert moved["properties"] == one["properties"]
+        pairs = zip(
+            points(moved["geometry"]["coordinates"]),
+            points(one["geometry"]["coordinates"]),
+            strict=True,
+        )
+        assert [(a[0] - b[0], a[1] - b[1]) for a, b in pairs] == [(500000.5, -20.0)] * len(
+            points(one["geometry"]["coordinates"])
+        )
+    assert run("export", grid, "-o", tmp_path / "here.png").exit_code == 0
+    assert run("export", grid, "-o", tmp_path / "there.png", "--offset", "100,200").exit_code == 0
+    x, y = (
+        [float(v) for v in (tmp_path / f"{n}.pgw").read_text().split()[4:]]
+        for n in ("here", "there")
+    )
+    assert (y[0] - x[0], y[1] - x[1]) == (100, 200)
