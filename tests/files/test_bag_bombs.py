@@ -15,6 +15,7 @@ from bags import bag_ns, words_of, write_bag
 from possmap.errors import RecordingError
 from possmap.lab.convert.tally import Tally
 from possmap.lab.recordings.rosbag import unpacking
+from possmap.lab.recordings.rosbag.cut import MAGIC
 from possmap.lab.recordings.rosbag.recording import open_bag
 
 BOMB = 300 << 20
@@ -91,5 +92,6 @@ def test_a_bag_compressed_as_a_whole_must_fit_beside_what_lies_there(
 def test_streams_within_one_another_do_not_take_for_ever(tmp_path: Path) -> None:
     path = drive(tmp_path, "mcap", "")
     block = ((131_072 << 3) | 2).to_bytes(3, "little") + b"\0"
-    path.write_bytes(path.read_bytes() + (BEGINS["storage"] + b"\0\x38" + block * 99) * 500)
+    streams = (BEGINS["storage"] + b"\0\x38" + block * 99) * 500
+    path.write_bytes(path.read_bytes() + streams + MAGIC)  # it ends as a whole one does
     assert "found compressed data in one another" in refusal(path)

@@ -5,13 +5,15 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from stat import S_ISDIR, S_ISREG
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from possmap.errors import RecordingError, printable, shown
+from possmap.lab.recordings.rosbag.cut import salvaged
 from possmap.lab.recordings.rosbag.unpacking import check_files_unpack, check_messages_unpack
 from possmap.lab.recordings.rosbag.untrusted import UntrustedError, check_files, store_of
 
@@ -53,10 +55,15 @@ class Topic:
 
 
 class Bag:
-    """A bag that is open; made by ``opened``."""
+    """A bag that is open; made by ``opened``.
 
-    def __init__(self, path: Path, reader: Reader1 | Reader2, kind: bytes) -> None:
-        self.path = path
+    left_out : how much of its end was cut off or is incomplete [bytes].
+    """
+
+    def __init__(
+        self, path: Path, reader: Reader1 | Reader2, kind: bytes, left_out: int | None
+    ) -> None:
+        self.path, self.left_out = path, left_out
         self._reader = reader
         self._kind = kind
 
@@ -134,8 +141,8 @@ class Bag:
         Raises
         ------
         RecordingError
-            If it is damaged. A bag that was cut short is refused when it is opened: every format
-            has its index, or its size, where rosbags looks first.
+            If it is damaged. A bag that was cut short is seen when it is opened: every format
+            has its index, or its size, where rosbags looks first. Of an .mcap the rest is read.
         """
         wanted = [one for one in self._reader.connections if one.id in ids]
         if not wanted:  # which would mean all of them to rosbags
@@ -185,18 +192,23 @@ def opened(path: Path, again: bool = False) -> Iterator[Bag]:
         raise RecordingError(
             str(path), "to read ROS bags, rosbags is needed: pip install 'possmap[ros]'"
         ) from error
-    reader: Reader1 | Reader2 | None = None
-    try:
+    with ExitStack() as stack:
+        left_out, readable = None, path
         try:
             if kind in (_SQLITE, b""):
                 check_files(path)
+            if kind == _MCAP:
+                folder = stack.enter_context(TemporaryDirectory(prefix="possmap-"))
+                found = salvaged(path, Path(folder))
+                readable, left_out = found or (path, None)
             if not again:
-                check_files_unpack(path)
-            reader = Reader1(path) if kind == _ROS1 else Reader2(path)
+                check_files_unpack(readable)
+            reader = Reader1(readable) if kind == _ROS1 else Reader2(readable)
+            stack.callback(_close, reader)
             reader.open()
-            folder: Any = reader
-            if not again and getattr(folder, "compression_mode", None) == "message":
-                for storage in folder.storage.storages:
+            opened_one: Any = reader
+            if not again and getattr(opened_one, "compression_mode", None) == "message":
+                for storage in opened_one.storage.storages:
                     check_messages_unpack(storage.messages(storage.connections))
         except UntrustedError as error:
             raise RecordingError(str(path), f"cannot be read as a bag: {error}") from error
@@ -210,11 +222,14 @@ def opened(path: Path, again: bool = False) -> Iterator[Bag]:
                 problem = f"cannot be read as a bag: found a topic {shown(one.topic)} of type "
                 problem += f"{shown(one.msgtype)} with {shown(one.msgcount)} messages"
                 raise RecordingError(str(path), problem)
-        yield Bag(path, reader, kind)
-    finally:
-        if reader is not None:
-            with suppress(Exception):  # of a file that is only read, nothing can be lost
-                reader.close()
+        if left_out is not None and not reader.connections:
+            raise RecordingError(str(path), "cut short, before any topic; no message is left")
+        yield Bag(path, reader, kind, left_out)
+
+
+def _close(reader: Reader1 | Reader2) -> None:
+    with suppress(Exception):  # of a file that is only read, nothing can be lost
+        reader.close()
 
 
 def size_of(path: Path) -> int:

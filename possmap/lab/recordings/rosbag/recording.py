@@ -98,6 +98,11 @@ def open_bag(
         total = max(1, sum({plan.topic.name: plan.topic.count for plan in used}.values()))
         told, guess = 0, Guess()
         with opened(path, again=True) as bag:
+            if bag.left_out is not None:
+                tally.note(
+                    f"cut short: what comes before is read, its last {bag.left_out} bytes are not "
+                    "whole; `mcap recover` may find more"
+                )
             for count in _gathered(bag, gatherers):
                 for number, gatherer in enumerate(gatherers):
                     gatherer.hand_to(join, number)
