@@ -13,7 +13,7 @@ import click
 from possmap.cli import options
 
 if TYPE_CHECKING:
-    from possmap.lab.convert.request import Request
+    from possmap.lab.convert.request import ConvertRequest
     from possmap.lab.recordings import Mapping
 
 
@@ -236,7 +236,7 @@ def convert(ctx: click.Context, /, sources: tuple[Path, ...], output: Path, **gi
         report(found, output, verbose=ctx.obj["verbose"] > 0)
 
 
-def _request(given: dict[str, Any]) -> Request:
+def _request(given: dict[str, Any]) -> ConvertRequest:
     """Return what the options ask for; they have the names of what takes them.
 
     Raises
@@ -245,7 +245,7 @@ def _request(given: dict[str, Any]) -> Request:
         For an option whose text is not what it should be.
     """
     from possmap.errors import SettingsError
-    from possmap.lab.convert.request import Request, models_of
+    from possmap.lab.convert.request import ConvertRequest, models_of
     from possmap.lab.convert.settings import ConvertSettings
     from possmap.lab.recordings import Source, find_mapping, read_mapping
     from possmap.lab.recordings.rosbag.topics import mapping_of
@@ -290,7 +290,7 @@ def _request(given: dict[str, Any]) -> Request:
     def taken(kind: type) -> dict[str, Any]:
         return {one.name: given.pop(one.name) for one in fields(kind) if one.name in given}
 
-    return Request(
+    return ConvertRequest(
         source=Source(mapping=read(mapping) or columns, **taken(Source)),
         settings=ConvertSettings(**taken(ConvertSettings)),
         models=models,

@@ -8,7 +8,7 @@ from typing import Any, BinaryIO
 
 from possmap.core.evidence import Geometry
 from possmap.core.records import Corner, Fix
-from possmap.exports.job import Job, Outing, Point, tidy
+from possmap.exports.job import Job, LaidOuting, Point, tidy
 from possmap.exports.outline import Polygon, metres, outlines
 
 Feature = dict[str, Any]
@@ -60,7 +60,7 @@ def _moved(coordinates: Any, x: float, y: float) -> Any:
     return [_moved(one, x, y) for one in coordinates]
 
 
-def _features(outing: Outing) -> Iterator[Feature]:
+def _features(outing: LaidOuting) -> Iterator[Feature]:
     whose = {"robot": outing.robot, "excursion": outing.excursion}
     if outing.poses:
         places = [at for _, at in outing.poses]

@@ -173,7 +173,7 @@ class Job:
         likely = self.grid.view("plausibility", area) <= self.choices.free
         return likely & ~self.occupied(area)
 
-    def outings(self) -> Iterator[Outing]:
+    def outings(self) -> Iterator[LaidOuting]:
         """Yield the excursions one by one, in the order in which they were first fused.
 
         With a window asked for, only what reaches into it: walls and corners one by one, a track
@@ -181,7 +181,7 @@ class Job:
         """
         ledger = self.grid.ledger
         for entry in ledger.entries():
-            records, found = ledger.version(entry).records, Outing(entry.robot, entry.excursion)
+            records, found = ledger.version(entry).records, LaidOuting(entry.robot, entry.excursion)
             for number, at in ledger.geometry(entry).items():
                 record = records[number]
                 if isinstance(record, Pose):
@@ -211,7 +211,7 @@ class Job:
 
 
 @dataclass(frozen=True, slots=True)
-class Outing:
+class LaidOuting:
     """One excursion's records that lie on the map, each with its place."""
 
     robot: str

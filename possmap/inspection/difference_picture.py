@@ -16,7 +16,7 @@ from possmap.core.lattice import Window
 from possmap.inspection.changes import Change, Changes
 from possmap.pictures import palettes
 from possmap.pictures.frame import Panel, framed
-from possmap.pictures.legend import ColourBar, Entry, Group, Key, box, circled
+from possmap.pictures.legend import ColourBar, Group, Key, LegendEntry, box, circled
 from possmap.pictures.overlays import Place
 from possmap.pictures.palettes import Indices, Table, image_of
 from possmap.pictures.raster import Raster, furnished_raster
@@ -94,11 +94,11 @@ class Canvas:
         scale = table()[:_UNKNOWN]
         ends = ("-1", "+1")
         entries = [
-            Entry(box(palettes.PAPER), "known, no change"),
-            Entry(box(palettes.UNKNOWN), "unknown in both"),
+            LegendEntry(box(palettes.PAPER), "known, no change"),
+            LegendEntry(box(palettes.UNKNOWN), "unknown in both"),
         ]
         if any(one.quantity in PANELS for one in largest):
-            entries.append(Entry(circled("1"), "largest changes, as listed"))
+            entries.append(LegendEntry(circled("1"), "largest changes, as listed"))
         keys: list[Key] = [
             ColourBar("belief: B - A", scale, ends, ("less wall", "more wall")),
             ColourBar("plausibility: B - A", scale, ends, ("denies more", "denies less")),

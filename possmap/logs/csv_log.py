@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from possmap.core.records import FIELDS
 from possmap.errors import LogError, did_you_mean, shown
 from possmap.logs.delivery import refusal
-from possmap.logs.excursion import Excursion, Header, Version, too_many
+from possmap.logs.excursion import GrowingExcursion, Header, LoggedVersion, too_many
 from possmap.logs.fields import Fault, name_of, record_of
 from possmap.logs.text import LogText
 from possmap.settings.limits import Limits
@@ -30,7 +30,7 @@ _BLANK = re.compile(r"[^\S\r\n]")
 _OF_NUMBERS = "0123456789.+-eE"
 
 
-def read_csv(source: LogText, limits: Limits) -> list[Version]:
+def read_csv(source: LogText, limits: Limits) -> list[LoggedVersion]:
     """Read every excursion of a CSV file, each as a log of its own; a CSV has no models.
 
     Raises
@@ -39,7 +39,7 @@ def read_csv(source: LogText, limits: Limits) -> list[Version]:
         With file and line, for the first thing that cannot be trusted.
     """
     source.check_whole()
-    excursions: dict[tuple[str, str], Excursion] = {}
+    excursions: dict[tuple[str, str], GrowingExcursion] = {}
     line = 1
     try:
         rows = _rows(source)
@@ -59,7 +59,7 @@ def read_csv(source: LogText, limits: Limits) -> list[Version]:
                 _check_name(*name)
                 if len(excursions) == limits.limit_file_excursions:
                     raise too_many(len(excursions))
-                excursions[name] = Excursion(line)
+                excursions[name] = GrowingExcursion(line)
             record = {key: decoded(row[at]) for at, key, decoded in columns if row[at]}
             excursions[name].add(record_of(record, limits.limit_nesting))
         if not excursions:

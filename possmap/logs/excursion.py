@@ -13,7 +13,7 @@ FORMAT_VERSION = 1
 _HEADER = {"possmap_log", "robot", "excursion", "model"}
 
 
-class Version(NamedTuple):
+class LoggedVersion(NamedTuple):
     """What a file holds of an excursion, and the line on which it begins.
 
     carrier : robot and excursion of the log that carried it; None for the robot's own.
@@ -87,7 +87,7 @@ def too_many(limit: int) -> Fault:
     return Fault((), f"found more than {limit} excursions (setting limit_file_excursions)")
 
 
-class Excursion:
+class GrowingExcursion:
     """Collects the records of one excursion in order; ``add`` refuses what breaks the order."""
 
     def __init__(self, line: int = 1) -> None:
@@ -127,11 +127,11 @@ class Excursion:
             self._last_t = t
         records.append(record)
 
-    def version(self, header: Header, carrier: tuple[str, str] | None = None) -> Version:
+    def version(self, header: Header, carrier: tuple[str, str] | None = None) -> LoggedVersion:
         """Return the excursion so far, under its header's name."""
         extra, records = own_text(header.own), tuple(self.records)
         content = PartialMap(header.robot, header.excursion, header.model, records, extra)
-        return Version(self.line, content, carrier)
+        return LoggedVersion(self.line, content, carrier)
 
 
 def _check_heading(fix: Fix) -> None:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from possmap.errors import LogError
 from possmap.logs.delivery import refusal
-from possmap.logs.excursion import Excursion, Header, Version, header_of, too_many
+from possmap.logs.excursion import GrowingExcursion, Header, LoggedVersion, header_of, too_many
 from possmap.logs.fields import Fault, as_object, record_of
 from possmap.logs.json_text import JsonSyntaxError, JsonText
 from possmap.logs.text import LogText
@@ -17,12 +17,12 @@ from possmap.settings.limits import Limits
 
 class _Open(NamedTuple):
     header: Header
-    excursion: Excursion
+    excursion: GrowingExcursion
 
 
 def read_json_lines(
     source: LogText, limits: Limits, allow_truncated: bool
-) -> tuple[list[Version], str | None]:
+) -> tuple[list[LoggedVersion], str | None]:
     """Read any number of logs, each with the excursions that it carries.
 
     Parameters
@@ -103,7 +103,7 @@ class _Lines:
             if self._opened == self._most:
                 raise too_many(self._most)
             self._opened += 1
-            known = self._logs[-1][header.name] = _Open(header, Excursion(number))
+            known = self._logs[-1][header.name] = _Open(header, GrowingExcursion(number))
         elif header.model not in ((), known.header.model):
             line = known.excursion.line
             raise Fault(("model",), f"differs from that of line {line}, which it continues")
@@ -111,7 +111,7 @@ class _Lines:
             known.header.own.update(header.own)
         self._present = known
 
-    def versions(self) -> Iterator[Version]:
+    def versions(self) -> Iterator[LoggedVersion]:
         """Yield what was read, log by log, each log's own excursion first."""
         for log in self._logs:
             own = next(iter(log))

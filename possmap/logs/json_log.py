@@ -6,14 +6,14 @@ from collections.abc import Iterator
 
 from possmap.errors import LogError, shown
 from possmap.logs.delivery import refusal
-from possmap.logs.excursion import Excursion, Version, header_of, too_many, version_of
+from possmap.logs.excursion import GrowingExcursion, LoggedVersion, header_of, too_many, version_of
 from possmap.logs.fields import Fault, Step, record_of
 from possmap.logs.json_text import JsonSyntaxError, JsonText, find
 from possmap.logs.text import LogText
 from possmap.settings.limits import Limits
 
 
-def read_json(source: LogText, limits: Limits) -> list[Version]:
+def read_json(source: LogText, limits: Limits) -> list[LoggedVersion]:
     """Read one JSON log: its own version, then those that it carries.
 
     Raises
@@ -47,11 +47,11 @@ class _JsonLogReader:
         self._nesting = limits.limit_nesting
         self._most = limits.limit_file_excursions
 
-    def log(self, path: tuple[Step, ...] = ()) -> list[Version]:
+    def log(self, path: tuple[Step, ...] = ()) -> list[LoggedVersion]:
         """Return the log's own version, then the carried ones."""
-        excursion = Excursion(self.cursor.line)
+        excursion = GrowingExcursion(self.cursor.line)
         header: dict[str, object] = {}
-        carried: list[Version] = []
+        carried: list[LoggedVersion] = []
         seen: set[str] = set()
         try:
             if not self.cursor.is_at("{"):
@@ -92,7 +92,7 @@ class _JsonLogReader:
             raise Fault((key,), f"found {shown(self.cursor.value())}, expected a list")
         return self.cursor.items()
 
-    def _records(self, excursion: Excursion, nesting: int) -> None:
+    def _records(self, excursion: GrowingExcursion, nesting: int) -> None:
         items = self._items("records")
         try:
             whole = self.cursor.plain_objects()

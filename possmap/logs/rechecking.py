@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from possmap.core.records import KINDS, PartialMap, Record
 from possmap.errors import shown
-from possmap.logs.excursion import Excursion, header_of
+from possmap.logs.excursion import GrowingExcursion, header_of
 from possmap.logs.fields import RULES, Fault, Rule, as_object, own_keys, unique_keys
 
 
@@ -46,7 +46,7 @@ def rechecked(version: PartialMap, nesting: int) -> PartialMap:
     Fault
         With the path inside the log, the value found and what was expected.
     """
-    builder = Excursion()
+    builder = GrowingExcursion()
     for index, record in enumerate(version.records):
         try:
             _check_record(record, nesting)

@@ -12,7 +12,7 @@ from typing import Literal, TypeAlias
 from PIL import Image, ImageDraw
 
 from possmap.pictures import frame, palettes
-from possmap.pictures.legend import Entry, in_rows
+from possmap.pictures.legend import LegendEntry, in_rows
 from possmap.pictures.palettes import Colour
 from possmap.pictures.text import LINE, NORMAL, SMALL, fitted, write
 
@@ -155,13 +155,13 @@ class Chart:
 
     def _legend(self, draw: ImageDraw.ImageDraw, y: int, wide: int) -> None:
         entries = [
-            Entry(partial(_sign, series), series.name, SMALL, _SIGN)
+            LegendEntry(partial(_sign, series), series.name, SMALL, _SIGN)
             for series in self.series
             if series.name and series.points
         ]
         if self.diagonal:
             diagonal = Series("", (), palettes.FAINT, "none", dash=4)
-            entries.append(Entry(partial(_sign, diagonal), self.diagonal, SMALL, _SIGN))
+            entries.append(LegendEntry(partial(_sign, diagonal), self.diagonal, SMALL, _SIGN))
         places, _ = in_rows([entry.size for entry in entries], wide - _LEFT - 16, (16, 0))
         for entry, (dx, dy) in zip(entries, places, strict=True):
             entry.draw(draw, _LEFT + dx, y + dy)

@@ -13,7 +13,7 @@ from possmap.core.settings import FreeFusion
 from possmap.pictures import layers, legend, overlays, palettes
 from possmap.pictures.frame import Panel, framed
 from possmap.pictures.layers import COVERAGE, LAYERS, LEVELS, MAP, UNKNOWN_INDEX, Cells
-from possmap.pictures.legend import ColourBar, Entry, Group, Key
+from possmap.pictures.legend import ColourBar, Group, Key, LegendEntry
 from possmap.pictures.overlays import Overlays
 from possmap.pictures.palettes import Indices, image_of
 from possmap.pictures.raster import Raster
@@ -103,7 +103,7 @@ def keys(shown: Overlays, ends: Mapping[str, int], palette: str) -> list[Key]:
     ends : of each layer shown, the number that its scale's upper end stands for.
     """
     found: list[Key] = []
-    entries: list[Entry] = []
+    entries: list[LegendEntry] = []
     values = [LAYERS[name] for name in ends if name in LAYERS]
     if MAP in ends:
         for title, colours, scale, word in palettes.map_scales(palette):
@@ -120,24 +120,25 @@ def keys(shown: Overlays, ends: Mapping[str, int], palette: str) -> list[Key]:
     unknown = palettes.unknown(palette)
     if (values or COVERAGE in ends) and not (MAP in ends and unknown == palettes.UNKNOWN):
         label = "unknown" if MAP not in ends or palette == "gray" else "unknown (views)"
-        entries.append(Entry(legend.box(unknown), label))
+        entries.append(LegendEntry(legend.box(unknown), label))
     if shown.truth:
-        entries.append(Entry(legend.line(palettes.TRUTH), "true wall"))
+        entries.append(LegendEntry(legend.line(palettes.TRUTH), "true wall"))
     if entries:
         found.append(Group(entries))
     return found
 
 
-def _signs_of_map(shown: Overlays, palette: str) -> list[Entry]:
+def _signs_of_map(shown: Overlays, palette: str) -> list[LegendEntry]:
     unknown = palettes.PAPER if palette == "gray" else palettes.UNKNOWN
-    entries = [Entry(legend.box(unknown), "unknown")]
+    entries = [LegendEntry(legend.box(unknown), "unknown")]
     if shown.points:
-        entries.append(Entry(legend.point, "corner or wall end"))
+        entries.append(LegendEntry(legend.point, "corner or wall end"))
     if shown.homes:
-        entries.append(Entry(legend.circled("I"), "home, where robots set out"))
+        entries.append(LegendEntry(legend.circled("I"), "home, where robots set out"))
     if shown.fixes:
-        entries.append(Entry(legend.fixed, "fix, where a robot truly was"))
+        entries.append(LegendEntry(legend.fixed, "fix, where a robot truly was"))
     entries += [
-        Entry(legend.line(colour), f"track of {robot}") for robot, colour in shown.robot_colours()
+        LegendEntry(legend.line(colour), f"track of {robot}")
+        for robot, colour in shown.robot_colours()
     ]
     return entries

@@ -67,7 +67,7 @@ class ColourBar:
 
 
 @dataclass(frozen=True)
-class Entry:
+class LegendEntry:
     """A sign and what it stands for.
 
     letters : their size.
@@ -95,7 +95,7 @@ class Entry:
 class Group:
     """Entries one below the other."""
 
-    entries: Sequence[Entry]
+    entries: Sequence[LegendEntry]
 
     @property
     def size(self) -> tuple[int, int]:

@@ -44,14 +44,14 @@ from possmap.core.track import stretches
 from possmap.core.walls import LEAST_LENGTH_M
 from possmap.fusing.fuse import fuse
 from possmap.lab.convert.legs import KnownPlace
-from possmap.lab.convert.request import Models, Request
+from possmap.lab.convert.request import ConvertRequest, Models
 from possmap.lab.convert.run import convert_recordings
 from possmap.lab.convert.settings import ConvertSettings
 from possmap.lab.evaluate.run import Question, evaluate
 from possmap.lab.recordings import Source, find_mapping, open_recordings, read_mapping
 from possmap.logs import read_log
 from possmap.settings.limits import Limits
-from possmap.settings.request import Request as FuseRequest
+from possmap.settings.request import ConvertRequest as FuseRequest
 from possmap.settings.setting_table import parse_setting
 
 LEGS = (10.0, 20.0, 40.0)
@@ -193,7 +193,7 @@ def convert(
 ) -> list[PartialMap]:
     """Convert a recording into legs, each perhaps with a fix at its end, and return them."""
     settings = ConvertSettings(legs=length, orthogonal=orthogonal)
-    request = Request(
+    request = ConvertRequest(
         source=data.source,
         settings=settings,
         models=Models(model),

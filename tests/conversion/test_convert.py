@@ -14,7 +14,7 @@ from conversion.drives import SIDES, drive, samples
 
 from possmap.core.records import PartialMap
 from possmap.lab.convert import convert as convert_module
-from possmap.lab.convert.convert import Outcome, Place, convert
+from possmap.lab.convert.convert import ConvertOutcome, Whereabouts, convert
 from possmap.lab.convert.orthogonal import Alignment, align
 from possmap.lab.convert.samples import Mount, Samples
 from possmap.lab.convert.settings import ConvertSettings
@@ -50,14 +50,14 @@ class Kept:
 def converted(
     track: Sequence[Samples] | Samples,
     mounts: Sequence[Mount] = SIDES,
-    place: Place | None = None,
+    place: Whereabouts | None = None,
     tally: Tally | None = None,
     **settings: Any,
-) -> tuple[list[list[dict[str, Any]]], Outcome]:
+) -> tuple[list[list[dict[str, Any]]], ConvertOutcome]:
     pieces = [track] if isinstance(track, Samples) else track
     sink = Kept()
     outcome = convert(
-        pieces, mounts, place or Place(), ConvertSettings(**settings), sink, tally or Tally()
+        pieces, mounts, place or Whereabouts(), ConvertSettings(**settings), sink, tally or Tally()
     )
     for log in sink.logs:  # every one is a log by the format's own rules
         PartialMap("r", "1", (), tuple(record_of(record, 16) for record in log))
@@ -199,7 +199,7 @@ def straightened(track: Samples) -> tuple[list[dict[str, Any]], Alignment]:
     _, seen = converted(track)
     found = align(seen.bearings)
     assert found is not None
-    (log,), _ = converted(track, place=Place(alignment=found))
+    (log,), _ = converted(track, place=Whereabouts(alignment=found))
     return log, found
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conversion.drives import samples
 
-from possmap.lab.convert.legs import BEFORE_REFERENCE, Piece, Reference, legs
+from possmap.lab.convert.legs import BEFORE_REFERENCE, LegPiece, Reference, legs
 from possmap.lab.convert.samples import Floats, Samples, joined
 from possmap.lab.convert.tally import Tally
 
@@ -24,14 +24,14 @@ def cut(
     start: tuple[float, float, float] | None = None,
     reference: Reference | None = None,
     tally: Tally | None = None,
-) -> dict[int, list[Piece]]:
+) -> dict[int, list[LegPiece]]:
     way = 0.0
     given: list[tuple[Samples, Floats]] = []
     for part in pieces:
         steps = np.hypot(np.diff(part.x, prepend=part.x[0] if not given else given[-1][0].x[-1]), 0)
         given.append((part, way + np.cumsum(steps)))
         way = float(given[-1][1][-1])
-    found: dict[int, list[Piece]] = {}
+    found: dict[int, list[LegPiece]] = {}
     for piece in legs(given, length, start, reference, tally or Tally()):
         found.setdefault(piece.leg, []).append(piece)
     return found

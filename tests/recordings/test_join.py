@@ -15,7 +15,7 @@ from possmap.errors import RecordingError
 from possmap.lab.convert.samples import Samples, joined
 from possmap.lab.convert.tally import Tally
 from possmap.lab.recordings import join as join_module
-from possmap.lab.recordings.beams import Beam
+from possmap.lab.recordings.beams import BeamColumn
 from possmap.lab.recordings.join import (
     SAME_TIME,
     WITHOUT_HEADING,
@@ -29,14 +29,14 @@ GAP = 1.0
 PLACE = Table(file="place", columns={"t": "t", "x": "x", "y": "y"})
 POSE = Table(file="pose", columns={"t": "t", "x": "x", "y": "y", "yaw": "yaw"})
 YAW = Table(file="yaw", columns={"t": "t", "yaw": "yaw"})
-RANGE = Table(file="range", columns={"t": "t"}, beams=(Beam(column="r", angle_deg=0.0),))
+RANGE = Table(file="range", columns={"t": "t"}, beams=(BeamColumn(column="r", angle_deg=0.0),))
 YAW_RANGE = Table(
-    file="both", columns={"t": "t", "yaw": "yaw"}, beams=(Beam(column="r", angle_deg=0.0),)
+    file="both", columns={"t": "t", "yaw": "yaw"}, beams=(BeamColumn(column="r", angle_deg=0.0),)
 )
 POSE_RANGE = Table(
     file="all",
     columns={"t": "t", "x": "x", "y": "y", "yaw": "yaw"},
-    beams=(Beam(column="r", angle_deg=0.0),),
+    beams=(BeamColumn(column="r", angle_deg=0.0),),
 )
 
 

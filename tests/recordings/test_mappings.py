@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from possmap.errors import SettingsError
-from possmap.lab.recordings.beams import Beam, Scan
+from possmap.lab.recordings.beams import BeamColumn, Scan
 from possmap.lab.recordings.mapping import (
     Invalid,
     Mapping,
@@ -100,8 +100,8 @@ gap: 0.5
     roles = ("x", "y", "qx", "qy", "qz", "qw", "vx", "vy")
     assert table.columns == {role: str(n) for n, role in enumerate(roles, 1)}
     assert table.beams == (
-        Beam(column="9", angle_deg=math.pi / 2),
-        Beam(column="front", angle_deg=math.radians(-0.5), x=0.1, y=-0.2),
+        BeamColumn(column="9", angle_deg=math.pi / 2),
+        BeamColumn(column="front", angle_deg=math.radians(-0.5), x=0.1, y=-0.2),
     )
     assert mapping.units == Units(
         time="ms", length="cm", range="mm", speed="cm/s", angle="deg", turn_rate="deg/s"

@@ -10,7 +10,7 @@ import numpy as np
 
 from possmap.lab.calibrate.assumptions import POWER, VarianceRatio, variance_ratio
 from possmap.lab.calibrate.heading import LEAST, Cause, Term
-from possmap.lab.calibrate.model import Fit, lengths, limit_factor
+from possmap.lab.calibrate.model import ModelFit, lengths, limit_factor
 from possmap.lab.calibrate.reml import CONFIDENCE, Interval
 from possmap.lab.calibrate.trials import Trial, TrialTable
 
@@ -52,7 +52,7 @@ class ParameterEstimate:
     detectable: float | None = None
 
 
-def estimates(full: Fit, chosen: Fit) -> dict[str, ParameterEstimate]:
+def estimates(full: ModelFit, chosen: ModelFit) -> dict[str, ParameterEstimate]:
     """Return what trials say of each parameter.
 
     full : with all terms. chosen : the model, which may leave some out.
@@ -91,7 +91,7 @@ def estimates(full: Fit, chosen: Fit) -> dict[str, ParameterEstimate]:
     return {name: found[name] for name in ORDER if name in found}
 
 
-def known_interval(full: Fit, name: Term) -> Interval | None:
+def known_interval(full: ModelFit, name: Term) -> Interval | None:
     """Return a known part with its limits; None if the fit has it not.
 
     What differs from day to day widens them.
@@ -108,7 +108,7 @@ def known_interval(full: Fit, name: Term) -> Interval | None:
     return Interval.student(full.scale, math.sqrt(own + apart), free)
 
 
-def is_clear(full: Fit, term: Term) -> bool:
+def is_clear(full: ModelFit, term: Term) -> bool:
     """Whether a known part is so clear that it matters on outings longer than the trials.
 
     A small drift hardly moves the end of a trial, but that of a hundred metres; so a value that
@@ -133,7 +133,7 @@ def _detectable(limits: Interval) -> float:
     )
 
 
-def for_tracks(fit: Fit, trials: Sequence[Trial]) -> tuple[Fit, dict[str, VarianceRatio]]:
+def for_tracks(fit: ModelFit, trials: Sequence[Trial]) -> tuple[ModelFit, dict[str, VarianceRatio]]:
     """Return a fit whose spreads are those of long tracks, and the ratios that say so.
 
     Where errors of trials that follow each other surely do not add up as independent ones do,

@@ -16,7 +16,7 @@ from possmap.core.records import Pose
 from possmap.core.settings import Estimator, EvidenceSettings
 from possmap.lab.calibrate.cutting import TrueTrack
 from possmap.lab.calibrate.heading import TERMS, Term
-from possmap.lab.calibrate.model import Fit, fit_model
+from possmap.lab.calibrate.model import ModelFit, fit_model
 from possmap.lab.calibrate.trials import Floats, Trial
 
 WRAPPED_DEG = 170.0
@@ -213,7 +213,7 @@ def cross_validate(trials: Sequence[Trial], rng: np.random.Generator) -> Validat
 
 
 def left_out(
-    trials: Sequence[Trial], fold: NDArray[np.intp], fit: Callable[[list[Trial]], Fit]
+    trials: Sequence[Trial], fold: NDArray[np.intp], fit: Callable[[list[Trial]], ModelFit]
 ) -> list[Modelled] | None:
     """Return for each fold the model of all others, and those of its trials that it tells of.
 

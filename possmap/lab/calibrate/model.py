@@ -49,7 +49,7 @@ def limit_factor() -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class ModelFit:
     """What one set of terms makes of trials.
 
     Attributes
@@ -108,7 +108,7 @@ def directions(table: TrialTable, fit: HeadingFit) -> tuple[Floats, Floats]:
 
 def fit_model(
     trials: Sequence[Trial], terms: Collection[Term] = TERMS, papers: bool = False
-) -> Fit:
+) -> ModelFit:
     """Return the model that trials of one robot give.
 
     A half-width is the factor for *new* runs times a deviation. What the trials leave open of a
@@ -150,7 +150,7 @@ def fit_model(
         if "turn" in heading.causes and not papers:
             noise = math.sqrt(heading.variance("turn"))
             found["turn_noise"] = rectangle_factor(heading.turns) * noise
-    return Fit(heading, found, scale, along_sd, excess, of_days, days)
+    return ModelFit(heading, found, scale, along_sd, excess, of_days, days)
 
 
 def _excess(off: Floats, said: Floats) -> float:

@@ -33,7 +33,7 @@ from possmap.lab.calibrate.held_out import (
     hold,
     left_out,
 )
-from possmap.lab.calibrate.model import Fit, directions, fit_model, lengths
+from possmap.lab.calibrate.model import ModelFit, directions, fit_model, lengths
 from possmap.lab.calibrate.odd import without_slips
 from possmap.lab.calibrate.trials import FEW, Trial, TrialTable
 
@@ -85,7 +85,7 @@ class RobotResult:
 
     robot: str
     trials: Sequence[Trial]
-    fit: Fit
+    fit: ModelFit
     parameters: Mapping[str, float]
     estimates: Mapping[str, ParameterEstimate]
     dropped: tuple[Term, ...]
@@ -192,7 +192,7 @@ def calibrate_robot(
     scores: list[Score] = []
     if validation is not None:
         # The same fits of the other trials, changed by what the whole changed.
-        def written(some: list[Trial]) -> Fit:
+        def written(some: list[Trial]) -> ModelFit:
             made = fit_model(some, terms)
             own = {k: v * factors.get(k, 1.0) for k, v in made.parameters.items()}
             return replace(made, parameters=own)
@@ -215,7 +215,9 @@ def calibrate_robot(
     )
 
 
-def _tests(full: Fit, trials: Sequence[Trial], rng: np.random.Generator) -> dict[str, Test | None]:
+def _tests(
+    full: ModelFit, trials: Sequence[Trial], rng: np.random.Generator
+) -> dict[str, Test | None]:
     """Test what the paper takes for granted, as far as there are runs."""
     if full.heading.runs < LEAST:
         return {}
@@ -262,7 +264,7 @@ def _refuse(trials: Sequence[Trial]) -> None:
             )
 
 
-def _refuse_circles(full: Fit, trials: Sequence[Trial]) -> None:
+def _refuse_circles(full: ModelFit, trials: Sequence[Trial]) -> None:
     """Refuse a drift that goes round more than half a circle in one run: ends do not tell it."""
     longest = max((one.distance for one in trials if one.is_run), default=0.0)
     drift = full.heading.effect("drift")

@@ -16,7 +16,7 @@ from possmap.lab.convert.legs import (
     WITHOUT_SAMPLE,
     KnownPlace,
     Laying,
-    Piece,
+    LegPiece,
     Reference,
     Start,
     legs,
@@ -47,7 +47,7 @@ class Sink(Protocol):
 
 
 @dataclass(slots=True)
-class Outcome:
+class ConvertOutcome:
     """What came of a recording.
 
     samples, legs, way : how many, how many, and how far they went [m].
@@ -83,7 +83,7 @@ class Outcome:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Place:
+class Whereabouts:
     """Where a recording begins, and what is known of its heading.
 
     start : of the first leg; None: where the recording has it. reference : poses for each leg.
@@ -103,18 +103,18 @@ class Place:
 def convert(
     recorded: Iterable[Samples],
     mounts: Sequence[Mount],
-    place: Place,
+    place: Whereabouts,
     settings: ConvertSettings,
     sink: Sink | None,
     tally: Tally,
-) -> Outcome:
+) -> ConvertOutcome:
     """Turn a stream of samples into logs.
 
     Known errors are taken out, the track is cut into legs and laid where they begin, the heading
     straightened by the building's axes if these are known; then block by block the track becomes
     runs, and readings walls. Without a sink its bearings alone are of use.
     """
-    outcome = Outcome()
+    outcome = ConvertOutcome()
     laying = Laying(settings.known)
 
     def track() -> Iterator[tuple[Samples, Floats]]:
@@ -144,11 +144,11 @@ class _Leg:
         self,
         number: int,
         mounts: Sequence[Mount],
-        place: Place,
+        place: Whereabouts,
         settings: ConvertSettings,
         sink: Sink | None,
         tally: Tally,
-        outcome: Outcome,
+        outcome: ConvertOutcome,
     ) -> None:
         self.number = number
         self._mounts = mounts
@@ -170,7 +170,7 @@ class _Leg:
         if sink is not None:
             sink.begin(number)
 
-    def take(self, piece: Piece) -> None:
+    def take(self, piece: LegPiece) -> None:
         """Take in the next samples; convert them when there are enough."""
         samples = piece.samples
         if self._straight is not None:

@@ -59,7 +59,7 @@ class Reference:
         return x, y, yaw
 
 
-class Piece(NamedTuple):
+class LegPiece(NamedTuple):
     """A piece of a leg: its number from 0, its samples, and the way driven in the leg [m]."""
 
     leg: int
@@ -73,7 +73,7 @@ def legs(
     start: Start | None,
     reference: Reference | None,
     tally: Tally,
-) -> Iterator[Piece]:
+) -> Iterator[LegPiece]:
     """Cut a track into legs, and lay each from where it begins.
 
     Parameters
@@ -111,7 +111,7 @@ def legs(
             if length is not None:
                 over = int(np.searchsorted(way, began + length))
             assert laid is not None
-            yield Piece(leg, laid.lay(samples.part(0, over + 1)), way[: over + 1] - began)
+            yield LegPiece(leg, laid.lay(samples.part(0, over + 1)), way[: over + 1] - began)
             if over == len(samples):
                 break
             # The sample at the cut ends one leg and begins the next, which has not its readings.

@@ -87,7 +87,7 @@ def _parameter(name: str, origin: str) -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Request:
+class ConvertRequest:
     """What ``possmap convert`` is asked for.
 
     Attributes
@@ -128,7 +128,7 @@ class Request:
         return self.settings.legs is not None or self.source.jump == "split"
 
 
-def names_of(recordings: Sequence[Recording], request: Request) -> list[tuple[str, str]]:
+def names_of(recordings: Sequence[Recording], request: ConvertRequest) -> list[tuple[str, str]]:
     """Return a robot and an excursion for each recording, no pair twice.
 
     Raises

@@ -22,18 +22,18 @@ from possmap.errors import (
     printable,
     shown,
 )
-from possmap.lab.convert.convert import Outcome, Place, convert
+from possmap.lab.convert.convert import ConvertOutcome, Whereabouts, convert
 from possmap.lab.convert.legs import KnownPlace, Reference
 from possmap.lab.convert.log import JsonRecord
 from possmap.lab.convert.orthogonal import Alignment, align
-from possmap.lab.convert.request import Request, names_of
+from possmap.lab.convert.request import ConvertRequest, names_of
 from possmap.lab.convert.samples import unwrapped
 from possmap.lab.convert.settings import ConvertSettings
 from possmap.lab.convert.tally import Tally
 from possmap.lab.recordings import Recording, Source, open_recordings
 from possmap.lab.recordings.roles import Role
 from possmap.logs import encoding_of
-from possmap.logs.excursion import Excursion
+from possmap.logs.excursion import GrowingExcursion
 from possmap.logs.fields import Fault, record_of
 from possmap.logs.writing import LEG, LogWriter, check_name, is_folder, writing
 from possmap.settings.limits import Limits
@@ -60,7 +60,7 @@ class Converted:
     recording: Recording
     robot: str
     has_model: bool
-    outcome: Outcome
+    outcome: ConvertOutcome
     tally: Tally
     alignment: Alignment | None
     settings: ConvertSettings
@@ -69,7 +69,7 @@ class Converted:
 def convert_recordings(
     paths: Sequence[Path],
     output: Path,
-    request: Request,
+    request: ConvertRequest,
     *,
     overwrite: bool = False,
     progress: Callable[[int, str], Any] | None = None,
@@ -109,7 +109,7 @@ def convert_recordings(
             _convert_one(
                 recording,
                 name,
-                Place(
+                Whereabouts(
                     start=start, reference=reference, errors=request.errors, end=end, marks=known
                 ),
                 request,
@@ -122,7 +122,7 @@ def convert_recordings(
         ]
 
 
-def _check_places(request: Request, robots: Sequence[str], output: Path) -> None:
+def _check_places(request: ConvertRequest, robots: Sequence[str], output: Path) -> None:
     """Refuse places that would be lost: of unknown robots, or in a log without models."""
     for robot in request.models.places:
         if robot not in robots:
@@ -153,8 +153,8 @@ def _of_each(
 def _convert_one(
     recording: Recording,
     name: tuple[str, str],
-    place: Place,
-    request: Request,
+    place: Whereabouts,
+    request: ConvertRequest,
     writer: LogWriter,
     progress: Callable[[int, str], Any] | None,
 ) -> Converted:
@@ -230,7 +230,7 @@ class _Written:
         self._model = dict(model)
         self._legs = is_cut
         self._nesting = Limits().limit_nesting
-        self._checked = Excursion()
+        self._checked = GrowingExcursion()
         self.end = writer.end
 
     def begin(self, leg: int) -> None:
@@ -242,7 +242,7 @@ class _Written:
         if self._model:
             head["model"] = self._model
         head["x_source"] = self._recording.name
-        self._checked = Excursion()
+        self._checked = GrowingExcursion()
         self._writer.begin(head)
 
     def record(self, record: JsonRecord) -> None:
@@ -278,7 +278,7 @@ def _told(
         yield tell
 
 
-def _reference(request: Request) -> Reference | None:
+def _reference(request: ConvertRequest) -> Reference | None:
     """Read the known poses, all of them: three numbers a pose stay in memory."""
     if request.reference is None:
         return None

@@ -21,7 +21,7 @@ from possmap.pictures import compose, overlays, palettes
 from possmap.pictures.charts import Axis, Chart, Mark, Point, Series
 from possmap.pictures.frame import Panel, framed
 from possmap.pictures.layers import MAP
-from possmap.pictures.legend import Entry, Group, line
+from possmap.pictures.legend import Group, LegendEntry, line
 from possmap.pictures.overlays import Overlays
 from possmap.pictures.palettes import Colour, write_png
 from possmap.pictures.raster import Raster, plan
@@ -92,7 +92,7 @@ def _maps(grid: Grid, walls: Segments, chosen: Raster) -> Image.Image:
     overlays.paint(truth, Overlays(truth=true_walls), chosen, grid.resolution)
     keys = [
         *compose.keys(scene.overlays, {MAP: 1}, look.palette),
-        Group([Entry(line(palettes.TRUTH), "true wall")]),
+        Group([LegendEntry(line(palettes.TRUTH), "true wall")]),
     ]
     panels = [Panel(picture, chosen, "map"), Panel(truth, chosen, "truth")]
     return framed(panels, keys, scene.title, scene.subtitle, grid.resolution)

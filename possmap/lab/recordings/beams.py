@@ -69,7 +69,7 @@ Seat: TypeAlias = Annotated[float, between(-10, 10)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Beam:
+class BeamColumn:
     """One range reading of a row.
 
     column : where it stands. unit : its own, if not that of the others.
@@ -137,7 +137,7 @@ class Scan:
         if (self.step_deg is None) == (self.last_deg is None):
             raise ValueError("step_deg, expected it or last_deg, the angle of the last reading")
 
-    def beams(self, count: int, wanted: Sequence[float]) -> tuple[list[int], list[Beam]]:
+    def beams(self, count: int, wanted: Sequence[float]) -> tuple[list[int], list[BeamColumn]]:
         """Return which of so many readings are used, and as which beams.
 
         Raises
@@ -158,7 +158,7 @@ class Scan:
         angles = [self.first_deg + index * step for index in range(count)]
         used = chosen(angles, wanted, step)
         at = {"column": self.column, "x": self.x, "y": self.y, "max": self.max}
-        return used, [Beam(angle_deg=angles[index], **at) for index in used]  # type: ignore[arg-type]
+        return used, [BeamColumn(angle_deg=angles[index], **at) for index in used]  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,7 +193,7 @@ def chosen(angles: Sequence[float], wanted: Sequence[float], step: float = 0.0) 
     return found
 
 
-def used_beams(beams: Sequence[Beam], wanted: Sequence[float]) -> list[Beam]:
+def used_beams(beams: Sequence[BeamColumn], wanted: Sequence[float]) -> list[BeamColumn]:
     """Return the single readings that are used.
 
     Those nearest to the wanted angles, or all where none is near; what touches, and what a servo
@@ -206,7 +206,7 @@ def used_beams(beams: Sequence[Beam], wanted: Sequence[float]) -> list[Beam]:
 
 
 def mounts_of(
-    tables: Sequence[Sequence[Beam]],
+    tables: Sequence[Sequence[BeamColumn]],
 ) -> tuple[list[tuple[int, int]], tuple[Mount, ...]]:
     """Return how many beams and servos each table has, and how all beams sit on the robot.
 

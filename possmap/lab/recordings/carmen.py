@@ -17,7 +17,7 @@ import numpy as np
 from possmap.errors import RecordingError, printable
 from possmap.lab.convert.samples import Samples
 from possmap.lab.convert.tally import Tally
-from possmap.lab.recordings.beams import Beam, chosen, mounts_of
+from possmap.lab.recordings.beams import BeamColumn, chosen, mounts_of
 from possmap.lab.recordings.carmen_line import (
     LASERS,
     ODOMETRY,
@@ -62,11 +62,11 @@ class _Plan:
     posed: bool
 
     @property
-    def beams(self) -> list[list[Beam]]:
+    def beams(self) -> list[list[BeamColumn]]:
         """Of each table, the one with the poses first."""
         found = [
             [
-                Beam(column="", angle_deg=one.angles[i], x=one.x, y=one.y, max=one.longest)
+                BeamColumn(column="", angle_deg=one.angles[i], x=one.x, y=one.y, max=one.longest)
                 for i in one.picked
             ]
             for one in self.layouts.values()

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from possmap.core.ranges import NotNegative, Number, Positive
 from possmap.errors import SettingsError, printable
-from possmap.lab.recordings.beams import WORTH, Beam, Column, Length, Scan, SeatedAt
+from possmap.lab.recordings.beams import WORTH, BeamColumn, Column, Length, Scan, SeatedAt
 from possmap.lab.recordings.roles import ROLES, Role, fault_of
 from possmap.settings.binder import bind_file
 from possmap.settings.shipped import find_shipped
@@ -110,7 +110,7 @@ class Table:
     file: Annotated[str, _one_star] | None = None
     topic: str | None = None
     columns: MappingABC[Role, Column] = field(default_factory=dict)
-    beams: tuple[Beam, ...] = ()
+    beams: tuple[BeamColumn, ...] = ()
     scan: Scan | None = None
     mount: SeatedAt | None = None
     frames: str | None = None
@@ -161,7 +161,7 @@ class Mapping:
     format: Annotated[Literal["csv", "json", "ros"], "csv, json or ros"]
     tables: tuple[Table, ...] = ()
     columns: MappingABC[Role, Column] = field(default_factory=dict)
-    beams: tuple[Beam, ...] = ()
+    beams: tuple[BeamColumn, ...] = ()
     scan: Scan | None = None
     rows: str | None = None
     delimiter: Annotated[str, _delimiter] | None = None

@@ -8,7 +8,7 @@ import numpy as np
 
 from possmap.lab.convert.samples import Floats
 from possmap.lab.convert.tally import Tally
-from possmap.lab.recordings.beams import WORTH, Beam
+from possmap.lab.recordings.beams import WORTH, BeamColumn
 from possmap.lab.recordings.mapping import Mapping
 
 _LEAST_ROWS = 20
@@ -24,7 +24,7 @@ class Ranges:
         Those that are read, in their order.
     """
 
-    def __init__(self, beams: Sequence[Beam], mapping: Mapping, tally: Tally) -> None:
+    def __init__(self, beams: Sequence[BeamColumn], mapping: Mapping, tally: Tally) -> None:
         self._beams = beams
         self._nothing, self._invalid = mapping.nothing, mapping.invalid
         self._worth = np.array([WORTH[one.unit or mapping.units.range] for one in beams])

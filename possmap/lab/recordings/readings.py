@@ -12,7 +12,7 @@ import numpy as np
 from possmap.errors import RecordingError
 from possmap.lab.convert.samples import Flags, Floats, unwrapped
 from possmap.lab.convert.tally import Tally
-from possmap.lab.recordings.beams import Beam
+from possmap.lab.recordings.beams import BeamColumn
 from possmap.lab.recordings.clocks import Clock
 from possmap.lab.recordings.guard import JumpGuard
 from possmap.lab.recordings.leaps import Leaps
@@ -86,7 +86,7 @@ class Interpreter:
         name: str,
         table: Table,
         mapping: Mapping,
-        beams: Sequence[Beam],
+        beams: Sequence[BeamColumn],
         tally: Tally,
         handling: Handling,
     ) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from possmap.errors import RecordingError, shown
 from possmap.lab.convert.samples import Floats, Samples
 from possmap.lab.convert.tally import Tally
-from possmap.lab.recordings.beams import Beam, mounts_of, used_beams
+from possmap.lab.recordings.beams import BeamColumn, mounts_of, used_beams
 from possmap.lab.recordings.clocks import Reader, stamps
 from possmap.lab.recordings.csv_rows import CsvColumns, Dialect, csv_rows, dialect_of, missing
 from possmap.lab.recordings.join import Join
@@ -51,7 +51,7 @@ class _Plan:
 
     path: Path
     table: Table
-    beams: tuple[Beam, ...]
+    beams: tuple[BeamColumn, ...]
     roles: MappingABC[Any, Getter]
     ranges: tuple[Getter, ...]
     listed: tuple[Getter, tuple[int, ...]] | None = None

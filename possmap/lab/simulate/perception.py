@@ -52,7 +52,7 @@ class Way(NamedTuple):
     across: float = 0.0
 
 
-class Piece(NamedTuple):
+class SeenPiece(NamedTuple):
     """A piece of wall seen to one side during a run, in the frame of the run's start.
 
     side : +1 left, -1 right.
@@ -162,7 +162,7 @@ class Perception:
         gone = np.flatnonzero(~(found <= found[0] + JUMP_M))
         return float(along[gone[0]]) if gone.size else distance
 
-    def beside(self, start: Place, distance: float) -> Iterator[Piece]:
+    def beside(self, start: Place, distance: float) -> Iterator[SeenPiece]:
         """Yield the pieces of wall that pass by on both sides of a straight run.
 
         start : the true place and direction of the run; distance [m].
@@ -184,7 +184,7 @@ class Perception:
         seen: Floats,
         first: int,
         last: int,
-    ) -> Piece:
+    ) -> SeenPiece:
         """Fit a straight piece to consecutive readings."""
         at, to = along[first : last + 1], seen[first : last + 1]
         slope, offset = np.polyfit(at, to, 1) if len(at) > 1 else (0.0, to[0])
@@ -197,7 +197,7 @@ class Perception:
             kind = self._world.corner_kind(*start.at(far, side * float(true[last])))
             ended = (far, side * float(to[-1]), kind)
         y, y2 = (side * float(offset + slope * x) for x in (near, far))
-        return Piece(side, near, y, far, y2, ended)
+        return SeenPiece(side, near, y, far, y2, ended)
 
 
 def _expected(distances: Floats, first: int, k: int) -> float:

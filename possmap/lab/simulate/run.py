@@ -20,7 +20,7 @@ from possmap.lab.simulate.mission_file import read_mission
 from possmap.lab.simulate.summary import Summary, in_order, summarise
 from possmap.pictures import overlays, palettes, raster
 from possmap.pictures.frame import Panel, framed
-from possmap.pictures.legend import Entry, Group, circled, line, point
+from possmap.pictures.legend import Group, LegendEntry, circled, line, point
 from possmap.pictures.overlays import Overlays
 from possmap.pictures.palettes import write_png
 from possmap.release import version
@@ -155,10 +155,10 @@ def draw(mission: Mission, summary: Summary) -> Image.Image:
     )
     overlays.paint(image, drawn, chosen, _PICTURE_RESOLUTION)
     entries = [
-        Entry(line(palettes.TRUTH), "wall"),
-        Entry(circled("I"), "home"),
-        Entry(point, "meeting"),
-        *(Entry(line(colour), f"true track of {r}") for r, colour in drawn.robot_colours()),
+        LegendEntry(line(palettes.TRUTH), "wall"),
+        LegendEntry(circled("I"), "home"),
+        LegendEntry(point, "meeting"),
+        *(LegendEntry(line(colour), f"true track of {r}") for r, colour in drawn.robot_colours()),
     ]
     known = sum(outing.known for outing in summary.excursions)
     subtitle = (

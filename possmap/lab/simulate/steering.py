@@ -13,7 +13,7 @@ from typing import TypeAlias
 
 from possmap.lab.simulate.body import Body, Place
 from possmap.lab.simulate.logbook import Logbook
-from possmap.lab.simulate.perception import Perception, Piece
+from possmap.lab.simulate.perception import Perception, SeenPiece
 from possmap.lab.simulate.settings import MissionSettings
 
 Track: TypeAlias = list[list[float]]
@@ -209,7 +209,7 @@ class Steering:
             self._note_heading(right_angle, turned=False)
             self.time = now
 
-    def _write_run(self, ran: float, pieces: Sequence[Piece], followed: int) -> None:
+    def _write_run(self, ran: float, pieces: Sequence[SeenPiece], followed: int) -> None:
         """Write down walls that passed by, and their ends, then the pose, as is believed."""
         counted = self.body.logged(ran)
         stretch = counted / ran if ran else 1.0  # as the wheels count, way ahead is stretched

@@ -13,7 +13,7 @@ import numpy as np
 
 from possmap.errors import RecordingError, printable, shown
 from possmap.lab.convert.samples import Floats
-from possmap.lab.recordings.beams import Beam
+from possmap.lab.recordings.beams import BeamColumn
 from possmap.lab.recordings.rosbag.bag import Bag, Topic
 from possmap.lab.recordings.rosbag.fields import ODOMETRY, seconds
 
@@ -82,9 +82,9 @@ class Seat:
     notes: tuple[str, ...] = ()
     sure: bool = True
 
-    def beam(self, angle: float) -> Beam:
+    def beam(self, angle: float) -> BeamColumn:
         """Return a beam of the sensor that looks at an angle [rad] of the robot's frame."""
-        return Beam(column="", angle_deg=angle, x=self.x, y=self.y)
+        return BeamColumn(column="", angle_deg=angle, x=self.x, y=self.y)
 
 
 class Frames:

@@ -12,7 +12,7 @@ import numpy as np
 from possmap.core.ranges import LARGEST
 from possmap.errors import RecordingError, printable, shown
 from possmap.lab.convert.samples import Floats
-from possmap.lab.recordings.beams import Beam, Scan, chosen, used_beams
+from possmap.lab.recordings.beams import BeamColumn, Scan, chosen, used_beams
 from possmap.lab.recordings.mapping import Mapping, Table, Units
 from possmap.lab.recordings.roles import Role
 from possmap.lab.recordings.rosbag.bag import Bag, Decoder, Topic, short
@@ -36,7 +36,7 @@ _SAME_ANGLE = 1e-5  # [rad]
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class TopicPlan:
     """How to read one table.
 
     Attributes
@@ -58,7 +58,7 @@ class Plan:
     decode: Decoder
     rows: Rows
     roles: tuple[str, ...]
-    beams: tuple[Beam, ...] = ()
+    beams: tuple[BeamColumn, ...] = ()
     limited: bool = False
     unstamped: bool = False
     seat: Seat | None = None
@@ -73,7 +73,7 @@ class _Ranges:
     layout : of what must be as in the first message, with the values there.
     """
 
-    beams: Sequence[Beam] = ()
+    beams: Sequence[BeamColumn] = ()
     getters: Sequence[Getter] = ()
     listed: Getter | None = None
     used: Sequence[int] = ()
@@ -94,7 +94,7 @@ def planned(
     wanted: Sequence[float],
     stamped: bool,
     frames: Frames,
-) -> Plan:
+) -> TopicPlan:
     """Return how to read a table; the first messages of its topic tell how long lists are.
 
     Parameters
@@ -119,7 +119,7 @@ def planned(
         pose: dict[Role, str] = {"x": "", "y": "", "yaw": ""}
         plain = replace(mapping, units=Units(), clockwise=False)
         table = replace(table, columns={"t": "", **pose}, frames=None)
-        return Plan(topic, table, plain, decode, poses.rows, tuple(pose))
+        return TopicPlan(topic, table, plain, decode, poses.rows, tuple(pose))
     named = names_fields(table)
     seat, ranges = None, _Ranges()
     if named:
@@ -148,7 +148,7 @@ def planned(
     if not named:
         mapping = replace(mapping, clockwise=False)
     roles = [fields.number(path) for path in table.columns.values()]
-    return Plan(
+    return TopicPlan(
         topic,
         table,
         mapping,

@@ -29,7 +29,7 @@ from possmap.lab.recordings.rosbag.fields import (
     SCAN,
 )
 from possmap.lab.recordings.rosbag.frames import TRANSFORMS, UNREADABLE, Frames, bare
-from possmap.lab.recordings.rosbag.plan import Plan, judged, names_fields, planned
+from possmap.lab.recordings.rosbag.plan import TopicPlan, judged, names_fields, planned
 from possmap.lab.recordings.stream import Progress
 
 Clock: TypeAlias = Literal["header", "bag"]
@@ -130,7 +130,7 @@ def open_bag(
 class _Gatherer:
     """Takes rows of one table out of messages, until they are looked at together."""
 
-    def __init__(self, path: Path, plan: Plan, tally: Tally, handling: Handling) -> None:
+    def __init__(self, path: Path, plan: TopicPlan, tally: Tally, handling: Handling) -> None:
         self.plan = plan
         self.rows: list[list[float]] = []
         self._name = f"{path} {printable(plan.topic.name)}"
@@ -282,7 +282,7 @@ def _check_mounted(path: Path, tables: Iterable[Table], topics: Iterable[Topic])
             )
 
 
-def _check_looking(path: Path, plans: Sequence[Plan]) -> None:
+def _check_looking(path: Path, plans: Sequence[TopicPlan]) -> None:
     """Refuse several range finders of which one does not say where it looks."""
     seats = [(plan.topic, plan.seat) for plan in plans if plan.seat and plan.topic.type == RANGE]
     if len(seats) > 1 and not all(seat.sure for _, seat in seats):

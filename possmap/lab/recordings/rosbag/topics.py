@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from possmap.errors import SettingsError, did_you_mean, shown
-from possmap.lab.recordings.beams import Beam, SeatedAt
+from possmap.lab.recordings.beams import BeamColumn, SeatedAt
 from possmap.lab.recordings.mapping import Mapping, Table
 from possmap.lab.recordings.roles import ROLES
 
@@ -41,7 +41,7 @@ def table_of(option: str) -> Table:
     if re.fullmatch(_FRAMES, rest):
         return Table(topic=topic.strip(), frames=rest)
     columns: dict[Any, str] = {}
-    beams: list[Beam] = []
+    beams: list[BeamColumn] = []
     seat: dict[str, float] = {}
     seen: set[str] = set()
     for part in rest.split(",") if colon else ():
@@ -53,7 +53,7 @@ def table_of(option: str) -> Table:
         seen.add(role)
         name, at, degrees = role.partition("@")
         if at and name == _RANGE:
-            beams.append(Beam(column=_field(role, value), angle_deg=_radians(role, degrees)))
+            beams.append(BeamColumn(column=_field(role, value), angle_deg=_radians(role, degrees)))
         elif role in MOUNT:
             seat[role] = (_radians if role == "angle" else _metres)(role, value)
         elif role in ROLES:
