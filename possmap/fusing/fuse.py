@@ -176,6 +176,7 @@ def fuse(
                 joining, done = rehearsal, _joined(rehearsal, batch, workers)
             if not dry_run and (site is not None or rehearsal.laid_out):
                 site = site or stack.enter_context(open_site())  # no grid is made for nothing
+                rehearsal.undo()
                 joining, done = _added(batch, site, settings, strict, workers, progress)
             for outcome in done:
                 log.info("%s: %s", outcome.path, outcome.status)
