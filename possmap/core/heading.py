@@ -14,12 +14,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from possmap.core.angles import wrap_degrees
 from possmap.core.correction import CorrectedStretch
 from possmap.core.model import ErrorModel
 from possmap.core.propagation import RIGHT_ANGLE, ErrorRectangle
 from possmap.core.records import Pose
-from possmap.core.track import Stretch
+from possmap.core.track import Stretch, wrap_degrees
 
 SAME_RUN_DEG = 1.0
 """A piece whose direction differs by more from that of a run's first piece begins a run."""

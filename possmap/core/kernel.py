@@ -3,7 +3,7 @@
 ``_stamping.c`` is built with the package if it can be; else ``plain_kernel`` serves. Both give the
 same integers. POSSMAP_KERNEL=numpy in the environment chooses the plain one.
 
-Segments are rows of ``segment_table``. Pieces are rows of 64-bit integers:
+Segments are rows of ``pyramid.table_of``. Pieces are rows of 64-bit integers:
 
 segment, first, last : a segment's number, and the stamps k = first..last of it.
 group : pieces of one group stand one after the other: inside it the maximum counts (METHOD §3).
@@ -22,8 +22,7 @@ import numpy as np
 from possmap.core import plain_kernel, stamping
 from possmap.core.clip import Clips, line_table
 from possmap.core.lattice import Window
-from possmap.core.pyramid import Floats, Ints, Values, Weights
-from possmap.core.segment_table import COLUMNS, table_of
+from possmap.core.pyramid import COLUMNS, Floats, Ints, Values, Weights, table_of
 from possmap.core.stamping import Piece
 from possmap.core.swath import normal_table
 

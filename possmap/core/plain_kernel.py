@@ -11,8 +11,7 @@ import numpy as np
 
 from possmap.core.clip import Clips, spared
 from possmap.core.lattice import Window
-from possmap.core.pyramid import Floats, Ints, Values, Weights
-from possmap.core.segment_table import COLUMNS, segment_of
+from possmap.core.pyramid import COLUMNS, Floats, Ints, Values, Weights, segment_of
 from possmap.core.stamping import Piece, extent, pieces_of, stamp
 
 _MAX_ERROR = COLUMNS.index("max_error")

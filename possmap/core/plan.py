@@ -18,8 +18,7 @@ from possmap.core import kernel
 from possmap.core.clip import Clips
 from possmap.core.evidence import Evidence, Findings, Layer
 from possmap.core.lattice import TileKey
-from possmap.core.pyramid import Floats, Ints
-from possmap.core.segment_table import table_of
+from possmap.core.pyramid import Floats, Ints, table_of
 from possmap.core.settings import EvidenceSettings
 
 Touched: TypeAlias = list[tuple[int, int, int]]
@@ -32,7 +31,7 @@ _PLACE = [_ROW, _COLUMN, _LAYER]
 class TileWork(NamedTuple):
     """What to stamp into one tile.
 
-    segments : rows of ``segment_table``.
+    segments : rows of ``pyramid.table_of``.
     pieces : of each layer, ``kernel``'s rows, and in a last column which of ``clips`` ends the
         path, or -1; sorted by group, and in a group what the tile holds already comes first.
     clips : lines at which paths end.
@@ -48,7 +47,7 @@ class TileWork(NamedTuple):
 class ExcursionPlan:
     """What one excursion newly says, cut at the borders of tiles.
 
-    segments : rows of ``segment_table``.
+    segments : rows of ``pyramid.table_of``.
     pieces : rows of tile's row and column, layer, segment, first and last stamp, group, whether
         the grid holds it already, and which of ``clips``, or -1. Groups count from 0.
     records : the record of each segment.

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 
-from possmap.core.angles import HALF_TURN_TOLERANCE_DEG, wrap_degrees
 from possmap.core.correction import CorrectedStretch
 from possmap.core.kalman import Gaussian, Step
 from possmap.core.model import ErrorModel
@@ -20,7 +19,7 @@ from possmap.core.observations import Fit, Observations
 from possmap.core.propagation import RIGHT_ANGLE, ErrorRectangle, FilteredError, StretchErrors
 from possmap.core.records import Fix, Pose, Wall
 from possmap.core.settings import EvidenceSettings
-from possmap.core.track import Stretch
+from possmap.core.track import HALF_TURN_TOLERANCE_DEG, Stretch, wrap_degrees
 
 X, Y, HEADING, OVERTURN, DRIFT, LENGTH = range(6)
 """Of m and P: METHOD's x, y, c, o, b and s."""

@@ -20,9 +20,8 @@ from possmap.core.fusion import fuse_tile
 from possmap.core.lattice import TILE, TileKey
 from possmap.core.model import ErrorModel
 from possmap.core.plan import ExcursionPlan, TileWork, plan_excursion
-from possmap.core.pyramid import FARTHEST, Floats
+from possmap.core.pyramid import COLUMNS, FARTHEST, Floats, table_of
 from possmap.core.records import PartialMap
-from possmap.core.segment_table import COLUMNS, table_of
 from possmap.core.settings import EvidenceSettings
 from possmap.errors import LogError
 from possmap.fusing.reach import Reach
@@ -173,7 +172,7 @@ def works_of(found: Findings, resolution: float) -> dict[int, float]:
 
 
 def segment_works(table: Floats, lines: Floats, resolution: float) -> Floats:
-    """Return the work of each row of a ``segment_table``, of which so many lines clip each."""
+    """Return the work of each row of a ``pyramid.table_of``, of which so many lines clip each."""
     x0, y0, x1, y1, half_x0, half_y0, half_x1, half_y1, most, width, is_point, _ = table.T
     assert len(COLUMNS) == table.shape[1]
     # One whose rectangle is too wide from end to end has no stamp with a height.

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from possmap.core.records import PartialMap
 from possmap.errors import GridError, printable
-from possmap.grid.excursion_hash import excursion_hash
 from possmap.grid.grid import Grid
 from possmap.grid.ledger import Entry
+from possmap.grid.rows import excursion_hash
 from possmap.grid.soundness import is_sound
 from possmap.logs import Delivery, LogFile, Origin
 from possmap.logs.delivery import path_text

@@ -19,10 +19,10 @@ from possmap.core.settings import EvidenceSettings, RobotModels
 from possmap.errors import GridError, brief, printable
 from possmap.grid.arrivals import Arrival
 from possmap.grid.encoding import decode, encode
-from possmap.grid.excursion_hash import excursion_hash
 from possmap.grid.forgotten import Bans, Forgotten
 from possmap.grid.grid import Grid
 from possmap.grid.ledger import Entry
+from possmap.grid.rows import excursion_hash
 from possmap.logs.delivery import path_text
 from possmap.logs.fields import Fault
 from possmap.logs.rechecking import rechecked

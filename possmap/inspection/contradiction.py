@@ -17,8 +17,7 @@ from possmap.core.fusion import denial_table, stamp_layer
 from possmap.core.lattice import TILE, TileKey, Window, tile_window
 from possmap.core.patches import Crop, Patch, extent_of, spread
 from possmap.core.plan import ExcursionPlan, TileWork, by_tile
-from possmap.core.pyramid import Floats, Ints
-from possmap.core.segment_table import COLUMNS
+from possmap.core.pyramid import COLUMNS, Floats, Ints
 from possmap.core.settings import EvidenceSettings
 from possmap.core.views import CellArray, Masses, Readout
 

@@ -25,9 +25,8 @@ from possmap.core.model import ErrorModel
 from possmap.core.plan import plan_excursion
 from possmap.core.records import PartialMap
 from possmap.core.settings import EvidenceSettings
-from possmap.grid.excursion_hash import excursion_hash
 from possmap.grid.grid import Grid
-from possmap.grid.rows import excursion_rows
+from possmap.grid.rows import excursion_hash, excursion_rows
 from possmap.logs import read_log
 from possmap.logs.writing import writing
 from possmap.settings.limits import Limits

@@ -29,7 +29,7 @@ from kernel_scenes import Scene, Values, km_scenes, run_scene
 from possmap.core import kernel, plain_kernel
 from possmap.core.fusion import WEIGHT
 from possmap.core.lattice import Window, tile_window
-from possmap.core.segment_table import COLUMNS
+from possmap.core.pyramid import COLUMNS
 
 Work: TypeAlias = Callable[[], object]
 

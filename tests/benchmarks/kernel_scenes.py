@@ -15,9 +15,8 @@ from possmap.core.evidence import Layer, Segment, findings
 from possmap.core.lattice import TileKey, Window
 from possmap.core.model import ErrorModel
 from possmap.core.propagation import ErrorRectangle
-from possmap.core.pyramid import relevant
+from possmap.core.pyramid import COLUMNS, relevant, segment_of, table_of
 from possmap.core.records import PartialMap, Pose, Record, Wall
-from possmap.core.segment_table import COLUMNS, segment_of, table_of
 from possmap.core.settings import EvidenceSettings
 
 Floats: TypeAlias = NDArray[np.float64]

@@ -11,13 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from possmap.core.angles import wrap_degrees
 from possmap.core.correction import CorrectedStretch, correct
 from possmap.core.linear import LinearError
 from possmap.core.model import ErrorModel
 from possmap.core.propagation import PoseError, propagate
 from possmap.core.records import Pose, Record, Wall
-from possmap.core.track import stretches, waiting
+from possmap.core.track import stretches, waiting, wrap_degrees
 
 PAPER = ErrorModel()
 metres = st.floats(-20, 20)

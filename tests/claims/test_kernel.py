@@ -19,8 +19,7 @@ from possmap.core.evidence import Segment, Swath
 from possmap.core.fusion import WEIGHT
 from possmap.core.lattice import Window
 from possmap.core.propagation import ErrorRectangle
-from possmap.core.pyramid import relevant
-from possmap.core.segment_table import segment_of, table_of
+from possmap.core.pyramid import relevant, segment_of, table_of
 
 compiled_only = pytest.mark.skipif(not kernel.COMPILED, reason="no compiled kernel was built")
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from possmap.core.evidence import Layer
 from possmap.core.lattice import TileKey
 from possmap.core.plan import ExcursionPlan
-from possmap.core.segment_table import COLUMNS
+from possmap.core.pyramid import COLUMNS
 
 FAR = 2**42
 numbers = st.integers(-2, 2) | st.sampled_from([-FAR, FAR, FAR + 1, 2**32])

@@ -10,8 +10,7 @@ from literal.cell_to_cell import pyramid_cell_to_cell
 from possmap.core.evidence import Segment
 from possmap.core.lattice import TileKey, Window
 from possmap.core.propagation import ErrorRectangle
-from possmap.core.pyramid import FULL, Values
-from possmap.core.segment_table import table_of
+from possmap.core.pyramid import FULL, Values, table_of
 from possmap.core.stamping import Piece, extent, pieces_of, stamp
 from possmap.fusing.layout import segment_works
 

@@ -11,9 +11,8 @@ from possmap.core.evidence import Segment, Swath, findings
 from possmap.core.lattice import tile_window
 from possmap.core.model import ErrorModel
 from possmap.core.propagation import ErrorRectangle
-from possmap.core.pyramid import relevant, stamps
+from possmap.core.pyramid import relevant, stamps, table_of
 from possmap.core.records import PartialMap, Pose, Record, Wall
-from possmap.core.segment_table import table_of
 from possmap.core.settings import EvidenceSettings
 from possmap.core.stamping import extent, pieces_of
 from possmap.fusing.layout import BY_BODY, BY_LINE, segment_works, works_of

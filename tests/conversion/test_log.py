@@ -10,7 +10,7 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from possmap.core.angles import wrap_degrees
+from possmap.core.track import wrap_degrees
 from possmap.lab.convert.log import LogBuilder
 
 

@@ -18,8 +18,8 @@ from versions import SETTINGS, WHOLE, changed, log_of, outcomes, prefix, written
 import possmap
 from possmap.core.records import PartialMap, Pose, Wall
 from possmap.errors import GridError
-from possmap.grid.excursion_hash import excursion_hash
 from possmap.grid.grid import Grid
+from possmap.grid.rows import excursion_hash
 from possmap.logs.delivery import path_text
 from possmap.logs.fields import Fault
 from possmap.logs.rechecking import rechecked

@@ -21,8 +21,7 @@ from possmap.core.records import (
     Record,
     Wall,
 )
-from possmap.grid.excursion_hash import LATER, excursion_hash
-from possmap.grid.rows import RECORD_COLUMNS, record_of_row, record_rows
+from possmap.grid.rows import LATER, RECORD_COLUMNS, excursion_hash, record_of_row, record_rows
 
 numbers = st.floats(-1e6, 1e6)
 halves = st.floats(0, 1e6)

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from possmap.core.angles import wrap_degrees
 from possmap.core.heading import SAME_RUN_DEG
+from possmap.core.track import wrap_degrees
 from possmap.lab.calibrate.heading import LEAST
 from possmap.lab.calibrate.model import directions, fit_model
 from possmap.lab.calibrate.trials import (

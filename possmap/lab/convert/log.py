@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from possmap.core.angles import wrap_degrees
+from possmap.core.track import wrap_degrees
 
 JsonRecord: TypeAlias = dict[str, Any]
 
