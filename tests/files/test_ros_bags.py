@@ -360,8 +360,8 @@ def test_of_an_mcap_that_was_cut_short_the_rest_is_read(tmp_path: Path, compress
         count = len(samples)
         assert samples.t == pytest.approx(whole.t[:count])
         assert samples.x == pytest.approx(whole.x[:count])
-        (note,) = (one for one in tally.notes if one.startswith("cut short: "))
-        assert note.endswith("bytes are not whole; `mcap recover` may find more")
+        cut = "bytes at the end of a bag that was cut short, left out; `mcap recover` may find more"
+        assert 0 <= tally.of(cut) < len(data) * share
         counts.append(count)
     assert 0 < counts[0] < counts[1] < counts[2] < len(whole)
 

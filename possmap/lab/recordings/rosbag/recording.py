@@ -39,6 +39,7 @@ _UNREADABLE = "messages that cannot be read, skipped"
 _UNSTAMPED = "messages stamped 0, the bag's own time taken"
 _WITHOUT_FIELD = "messages without a field that is named, skipped"
 _OTHER_LAYOUT = "scans of another layout or frame than the first, skipped"
+_CUT = "bytes at the end of a bag that was cut short, left out; `mcap recover` may find more"
 _MOST_LISTED = 20
 
 
@@ -99,10 +100,7 @@ def open_bag(
         told, guess = 0, Guess()
         with opened(path, again=True) as bag:
             if bag.left_out is not None:
-                tally.note(
-                    f"cut short: what comes before is read, its last {bag.left_out} bytes are not "
-                    "whole; `mcap recover` may find more"
-                )
+                tally.add(_CUT, str(path), bag.left_out)
             for count in _gathered(bag, gatherers):
                 for number, gatherer in enumerate(gatherers):
                     gatherer.hand_to(join, number)
