@@ -34,7 +34,7 @@ __all__ = [
 ]
 
 
-class Grid(_Grid):
+class PicturedGrid(_Grid):
     """An open grid that a notebook shows as its picture."""
 
     def _repr_png_(self) -> bytes | None:
@@ -45,6 +45,10 @@ class Grid(_Grid):
         stream = io.BytesIO()
         picture(self, Look()).save(stream, "PNG")
         return stream.getvalue()
+
+
+Grid = PicturedGrid
+"""What ``open_grid`` returns."""
 
 
 def open_grid(path: str | Path) -> Grid:

@@ -291,11 +291,13 @@ def place(text: str) -> tuple[str, dict[str, str]]:
     click.BadParameter
         If it is no name with three numbers.
     """
+    from possmap.core.model import FRAME
+
     robot, _, numbers = text.rpartition("=")
     found = numbers.split(",")
     if not robot or len(found) != 3:
         raise click.BadParameter(f"{text!r}, expected NAME=X,Y,DEG", param_hint="--place")
-    return robot.strip(), dict(zip(("frame_x", "frame_y", "frame_heading"), found, strict=True))
+    return robot.strip(), dict(zip(FRAME, found, strict=True))
 
 
 def _given(name: str, text: str, origin: str) -> GivenSettings:

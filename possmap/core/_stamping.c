@@ -1,7 +1,7 @@
 /* The plain loops of METHOD §2, compiled: the same integers as possmap/core/stamping.py.
 
    Doubles are computed in the order in which METHOD §2 writes them and must not be contracted
-   (-ffp-contract=off). Segments come as rows of doubles (possmap/core/evidence.py), pieces as
+   (-ffp-contract=off). Segments come as rows of doubles (possmap/core/pyramid.py), pieces as
    rows of 64-bit integers (possmap/core/kernel.py); arrays cross the border as buffers, so that
    this file needs neither NumPy's headers nor its ABI. */
 

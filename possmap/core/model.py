@@ -60,6 +60,8 @@ class ErrorModel:
 
 
 PARAMETERS: tuple[str, ...] = tuple(f.name for f in dataclasses.fields(ErrorModel))
+FRAME = ("frame_x", "frame_y", "frame_heading")
+"""Those that say where the robot's own frame lies, and nothing of its errors."""
 RANGES: Mapping[str, Range] = {
     name: next(note for note in hint.__metadata__ if isinstance(note, Range))
     for name, hint in get_type_hints(ErrorModel, include_extras=True).items()

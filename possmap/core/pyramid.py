@@ -6,6 +6,8 @@ For half-widths (hx, hy) around a position, a cell k columns and l rows away get
     N_x = height_x · max(0, 1 - |k|·c / (hx + c/2))
 
 and both factors become 16-bit integers, floor(65535·N_x + 0.5), before the minimum is taken.
+
+Kernels read segments as rows of numbers, and processes hand them to each other so: ``table_of``.
 """
 
 from __future__ import annotations

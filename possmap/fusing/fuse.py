@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import re
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -16,6 +15,7 @@ from typing import Literal, TypeAlias
 
 from possmap.budget import Budget
 from possmap.core.lattice import TileKey
+from possmap.core.model import FRAME
 from possmap.core.plan import TileWork, by_tile
 from possmap.core.settings import EvidenceSettings
 from possmap.errors import LogError, SettingsError, TileError, WorkerError, printable
@@ -41,9 +41,6 @@ log = logging.getLogger(__name__)
 
 DEFAULT_MIB = 4096
 """Enough for the largest log that the limits let in."""
-
-FRAME = re.compile(r"robots\..+\.frame_(x|y|heading)")
-"""A setting of ``--place``."""
 
 READ_AT_ONCE = 2**18
 """Bytes of logs that are worth sending to a worker."""
@@ -192,7 +189,11 @@ def fuse(
 
 def _check_places(given: GivenSettings, site: Grid) -> None:
     """Refuse to place a robot elsewhere than where what is known of it was placed."""
-    places = {name: one for name, one in given.items() if FRAME.fullmatch(name)}
+    places = {
+        name: one
+        for name, one in given.items()
+        if name.startswith(ROBOT) and name.rpartition(".")[2] in FRAME
+    }
     models = {one.robot: one.model for one in site.ledger.entries()} if places else {}
     for name, (value, origin) in places.items():
         robot, _, parameter = name.removeprefix(ROBOT).rpartition(".")

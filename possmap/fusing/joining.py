@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
-from possmap.core.model import ErrorModel
+from possmap.core.model import FRAME, ErrorModel
 from possmap.core.records import Difference, PartialMap, first_difference
 from possmap.errors import ConflictError, LogError, plural, printable
 from possmap.fusing.advice import how_to_forget, how_to_recall
@@ -104,8 +104,8 @@ class Joining:
         ConflictError
             If a version in it disagrees with one known, or with another in the same file.
         LogError
-            If it is more work than the limits allow, cannot be laid out, or all that it holds was
-            forgotten.
+            If it is more work than the limits allow, cannot be laid out, is placed elsewhere by the
+            host, or all that it holds was forgotten.
         """
         let_in, note = self._not_forgotten(log)
         before: dict[Name, Known | None] = {}
@@ -177,8 +177,7 @@ class Joining:
         """Return what is known with a delivery; ConflictError if it disagrees."""
         version, bringer = one.version, Bringer(one.count, one.place, one.origin)
         if known is None:
-            model = self.settings.model_in_force(version.robot, version.model)
-            return Known(version, model, 0, (bringer,))
+            return Known(version, self._model(one), 0, (bringer,))
         difference = first_difference(known.version, version)
         if difference is not None:
             raise self._conflict(one, known, difference)
@@ -186,6 +185,19 @@ class Joining:
             return known
         longer = known.version.continued_by(version)
         return replace(known, version=longer, brought=(*known.brought, bringer))
+
+    def _model(self, one: Delivery) -> ErrorModel:
+        """Return the model of an excursion not yet known; LogError if it lies in two places."""
+        robot = one.whole.robot
+        model = self.settings.model_in_force(robot, one.whole.model)
+        for name, told in self.settings.robots.get(robot, {}).items():
+            if name in FRAME and getattr(model, name) != told:
+                raise LogError(
+                    one.place,
+                    f"model.{name}: found {getattr(model, name):g}, where the host places robot "
+                    f"{robot} with {told:g} (--place); expected one of them, or the same",
+                )
+        return model
 
     def _bounded(self, log: LogFile, laid_out: Iterable[LaidOut]) -> Iterable[LaidOut]:
         """Refuse a log of which all together is too much work, as soon as it is."""

@@ -120,16 +120,16 @@ def _contradictions(
 ) -> list[_Judged]:
     """Lay all excursions out again, and hold each against the other robots, tile by tile."""
     settings = grid.settings
+    refined = grid.ledger.tracks.making() is not None
     plans: list[ExcursionPlan] = []
     told: list[tuple[Observations, Fit]] = []
     size = 0
     for entry in progress(entries, "excursion"):
         again = replay(grid, entry, settings)
         plans.append(again.plan)
-        found_before = again.findings
-        if grid.ledger.tracks.track(entry.identity) is not None:  # which tells of no observations
-            found_before = findings(again.version, entry.model, settings)
-        told.append((found_before.observations, found_before.fit))
+        # A track that was refined tells of no observations: those of the filter count.
+        told_by = findings(again.version, entry.model, settings) if refined else again.findings
+        told.append((told_by.observations, told_by.fit))
         # Five copies while all are sorted by tile.
         size += 5 * (again.plan.pieces.nbytes + again.plan.segments.nbytes)
         if size > _MOST_BYTES:

@@ -263,6 +263,7 @@ def test_align_says_how_far_walls_lean(clone: Path) -> None:
     [
         (["--fix", "end=1,2,0.1"], 2, "--fix says where the frame lies, expected no --align"),
         (["--place", "hall=1,2,3"], 2, "--place says where the frame lies, expected no --align"),
+        (["--set", "frame_x=3"], 1, "--align: found frame_x as well, expected one of them"),
         (["-o", "out.csv"], 1, "out.csv: a CSV holds no place (--align), expected .jsonl or a"),
     ],
 )

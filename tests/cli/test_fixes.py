@@ -174,6 +174,26 @@ def test_convert_takes_fixes_from_columns_that_few_rows_fill(clone: Path) -> Non
             assert before.t == record.t
 
 
+def test_a_mark_on_no_excursion_is_counted_and_one_between_two_is_in_both(clone: Path) -> None:
+    """Legs end and begin at one sample; what lies before the first reference pose is left out."""
+    header, *rows = Path("data/recordings/hall.csv").read_text().splitlines()
+    marked = [f"{row},1,2" for row in rows]
+    Path("marked.csv").write_text("\n".join([f"{header},mark_x,mark_y", *marked, ""]))
+    command = ["convert", "marked.csv", "--mapping", "data/recordings/hall.yaml", "-o", "out.jsonl"]
+    fixed = ["--fix", "columns=mark_x,mark_y,0.05"]
+    result = run(*command, *fixed, "--legs", "20", "--json")
+    (one,) = json.loads(result.stdout)["recordings"]
+    assert one["records"]["fix"] == len(rows) + one["excursions"] - 1
+    assert not [told for told in one["counted"] if "truly was" in told["what"]]
+    late = Path("data/recordings/hall-truth.csv").read_text().splitlines()
+    Path("late.csv").write_text("\n".join([late[0], *late[200:], ""]))
+    reference = ["--reference", "late.csv", "--reference-mapping", TRUTH[3]]
+    result = run(*command, *fixed, *reference, "--json", "--overwrite")
+    (one,) = json.loads(result.stdout)["recordings"]
+    (told,) = (told for told in one["counted"] if "truly was" in told["what"])
+    assert told["count"] == len(rows) - one["records"]["fix"] > 0
+
+
 @pytest.mark.parametrize(
     ("columns", "problem"),
     [

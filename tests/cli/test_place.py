@@ -100,6 +100,21 @@ def test_the_grid_keeps_the_place_and_takes_no_other() -> None:
     assert run("fuse", "own", "-g", "own.possmap", "--place", "r9=1,2,3").exit_code == 0
 
 
+def test_a_log_that_says_where_it_lies_is_not_placed_elsewhere() -> None:
+    for path in Path("own").iterdir():
+        log = json.loads(path.read_text())
+        if log["robot"] == "r1":
+            path.write_text(json.dumps({**log, "model": {"frame_x": 5.0}, "carried": []}))
+    result = run("fuse", "own", "-g", "own.possmap", "--place", "r1=4,0,0")
+    assert result.exit_code == 1
+    assert (
+        "model.frame_x: found 5, where the host places robot r1 with 4 (--place); expected one of "
+        "them, or the same\n"
+    ) in result.stderr
+    assert "2 refused" in result.stdout
+    assert run("fuse", "own", "-g", "own.possmap", "--place", "r1=5,0,0").exit_code == 0
+
+
 @pytest.mark.parametrize(
     ("text", "problem"),
     [

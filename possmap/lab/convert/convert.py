@@ -56,6 +56,7 @@ class ConvertOutcome:
     strays : of the samples from the simplified track.
     bearings : fitted walls, for the building's axes.
     speeds : how fast it went in the middle of each piece, where it moved [m/s].
+    marks : numbers of those that became fixes; one where a leg ends and the next begins is in both.
     """
 
     samples: int = 0
@@ -68,6 +69,7 @@ class ConvertOutcome:
     strays: Strays = field(default_factory=Strays)
     bearings: list[Bearing] = field(default_factory=list)
     speeds: list[float] = field(default_factory=list)
+    marks: set[int] = field(default_factory=set)
 
     @property
     def speed(self) -> float:
@@ -133,7 +135,7 @@ def convert(
     if now is not None:
         now.finish(is_last=True)
     if place.marks is not None:
-        tally.add(WITHOUT_SAMPLE, count=len(place.marks.t) - outcome.kinds.get("fix", 0))
+        tally.add(WITHOUT_SAMPLE, count=len(place.marks.t) - len(outcome.marks))
     return outcome
 
 
@@ -261,6 +263,7 @@ class _Leg:
             mark = marks.get(index)
             if mark is not None and self._place.marks is not None and self._place.end is not None:
                 known = self._place.marks
+                self._outcome.marks.add(mark)
                 at = float(known.x[mark]), float(known.y[mark])
                 self._log.fix(float(block.t[index]), *at, self._place.end.half)
         outcome.strays.add(found.strays[first:])

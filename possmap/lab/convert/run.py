@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from possmap.atomic import check_output
-from possmap.core.model import ErrorModel
+from possmap.core.model import FRAME, ErrorModel
 from possmap.core.ranges import LARGEST
 from possmap.errors import (
     OutputError,
@@ -128,6 +128,10 @@ def _check_places(request: ConvertRequest, robots: Sequence[str], output: Path) 
         if robot not in robots:
             known = ", ".join(dict.fromkeys(robots))
             raise SettingsError(f"--place: found robot {shown(robot)}, expected one of {known}")
+    for robot in robots if request.settings.align else ():
+        for name in FRAME:
+            if name in request.models.of(robot):
+                raise SettingsError(f"--align: found {name} as well, expected one of them")
     if (request.models.places or request.settings.align) and encoding_of(output) == ".csv":
         option = "--place" if request.models.places else "--align"
         problem = f"a CSV holds no place ({option}), expected .jsonl or a folder"

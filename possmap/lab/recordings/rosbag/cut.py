@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -34,44 +33,37 @@ def salvaged(path: Path, folder: Path) -> Salvaged | None:
         source.seek(max(0, size - len(MAGIC)))
         if source.read() == MAGIC and size > 2 * len(MAGIC):
             return None
-        copy, end = folder / path.name, len(MAGIC)
+        end, left_out = _whole(source, len(MAGIC), size)
+        inside = _inside(source, end, size)
+        copy = folder / path.name
         with copy.open("wb") as out:
-            out.write(MAGIC)
-            for kind, start, stop in _records(source, end, size):
-                if kind in (0, _DATA_END, _FOOTER):  # no record is of kind 0
-                    break
-                if stop > size:
-                    end = _copy_inside(source, out, start, size) if kind == _CHUNK else end
-                    break
-                _copy(source, out, start - _HEAD.size, stop)
-                end = stop
+            _copy(source, out, 0, end)
+            if inside is not None:
+                within, left_out = _whole(source, inside, size)
+                _copy(source, out, inside, within)
             out.write(_END)
-    return Salvaged(copy, size - end)
+    return Salvaged(copy, left_out)
 
 
-def _records(source: BinaryIO, at: int, size: int) -> Iterator[tuple[int, int, int]]:
-    """Yield kind, start and stop of records; the last may stop behind the end of the file."""
+def _whole(source: BinaryIO, start: int, size: int) -> tuple[int, int]:
+    """Return where the whole records from a place on end, and how much is behind them."""
+    at = start
     while at + _HEAD.size <= size:
         source.seek(at)
         kind, length = _HEAD.unpack(source.read(_HEAD.size))
-        start, at = at + _HEAD.size, at + _HEAD.size + length
-        yield kind, start, at
-
-
-def _copy_inside(source: BinaryIO, out: BinaryIO, start: int, size: int) -> int:
-    """Copy the whole records of a chunk whose end is missing; return where they end."""
-    source.seek(start)
-    head = source.read(32)  # times, size, checksum; the length of the compression's name
-    first = start + 40  # behind the records' length
-    if len(head) < 32 or head[-4:] != bytes(4):
-        return start - _HEAD.size
-    end = first
-    for _, inner, stop in _records(source, first, size):
-        if stop > size:
+        stop = at + _HEAD.size + length
+        if stop > size or kind in (0, _DATA_END, _FOOTER):  # no record is of kind 0
             break
-        _copy(source, out, inner - _HEAD.size, stop)
-        end = stop
-    return end
+        at = stop
+    return at, size - at
+
+
+def _inside(source: BinaryIO, at: int, size: int) -> int | None:
+    """Return where the records of the chunk begin that stands here, if they are not compressed."""
+    source.seek(at)
+    head = source.read(_HEAD.size + 32)  # times, size, checksum; the length of a compression's name
+    is_plain = len(head) == _HEAD.size + 32 and head[0] == _CHUNK and head[-4:] == bytes(4)
+    return at + len(head) + 8 if is_plain and at + len(head) + 8 <= size else None
 
 
 def _copy(source: BinaryIO, out: BinaryIO, start: int, stop: int) -> None:
