@@ -174,7 +174,11 @@ def fuse(
             if not dry_run and (site is not None or rehearsal.laid_out):
                 site = site or stack.enter_context(open_site())  # no grid is made for nothing
                 rehearsal.undo()
-                joining, done = _added(batch, site, settings, strict, workers, progress)
+                with site.transaction():
+                    # Looked up inside, so that nobody else can add or place anything in between.
+                    if not site.is_new:
+                        _check_places(given, site)
+                    joining, done = _added(batch, site, settings, strict, workers, progress)
             for outcome in done:
                 log.info("%s: %s", outcome.path, outcome.status)
             outcomes += done
@@ -189,15 +193,12 @@ def fuse(
 
 def _check_places(given: GivenSettings, site: Grid) -> None:
     """Refuse to place a robot elsewhere than where what is known of it was placed."""
-    places = {
-        name: one
-        for name, one in given.items()
-        if name.startswith(ROBOT) and name.rpartition(".")[2] in FRAME
-    }
-    models = {one.robot: one.model for one in site.ledger.entries()} if places else {}
-    for name, (value, origin) in places.items():
+    for name, (value, origin) in given.items():
         robot, _, parameter = name.removeprefix(ROBOT).rpartition(".")
-        was = getattr(models[robot], parameter) if robot in models else value
+        if not name.startswith(ROBOT) or parameter not in FRAME:
+            continue
+        entry = site.ledger.first_of(robot)
+        was = value if entry is None else getattr(entry.model, parameter)
         if value != was:
             path = str(site.path)
             raise SettingsError(
@@ -274,14 +275,12 @@ def _added(
     workers: Hands,
     progress: Progress,
 ) -> tuple[Joining, list[Outcome]]:
-    """Add what is new in a batch to the grid, in one transaction."""
-    with site.transaction():
-        # Looked up inside, so that nobody else can add an excursion in between.
-        joining = Joining(settings, None if site.is_new else site.ledger, site.path, strict)
-        outcomes = _joined(joining, batch, workers)
-        if any(outcome.status != "refused" for outcome in outcomes):
-            site.prepare(settings.evidence, settings.robots)
-        _write(joining, site, settings.evidence, workers, progress)
+    """Add what is new in a batch to the grid, inside a transaction."""
+    joining = Joining(settings, None if site.is_new else site.ledger, site.path, strict)
+    outcomes = _joined(joining, batch, workers)
+    if any(outcome.status != "refused" for outcome in outcomes):
+        site.prepare(settings.evidence, settings.robots)
+    _write(joining, site, settings.evidence, workers, progress)
     return joining, outcomes
 
 

@@ -80,6 +80,10 @@ class Ledger:
         """Return an excursion by robot and name, or None if it is not known."""
         return next(self._entries("WHERE robot = ? AND name = ?", name), None)
 
+    def first_of(self, robot: str) -> Entry | None:
+        """Return a robot's excursion that was fused first, or None if there is none."""
+        return next(self._entries("WHERE robot = ? ORDER BY id LIMIT 1", (robot,)), None)
+
     def entry_of(self, identity: int) -> Entry | None:
         """Return an excursion by its id, or None if it is not known."""
         return next(self._entries("WHERE id = ?", (identity,)), None)

@@ -100,6 +100,14 @@ def test_the_grid_keeps_the_place_and_takes_no_other() -> None:
     assert run("fuse", "own", "-g", "own.possmap", "--place", "r9=1,2,3").exit_code == 0
 
 
+def test_a_place_that_another_run_gave_meanwhile_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert run("fuse", "own", "-g", "own.possmap", *PLACE).exit_code == 0
+    monkeypatch.setattr("possmap.fusing.fuse.check_file", lambda *_, **__: False)  # not there yet
+    late = run("fuse", "own", "-g", "own.possmap", "--place", "r1=12,-3,45")
+    assert late.exit_code == 1
+    assert "in own.possmap robot r1 was placed with 90" in late.stderr
+
+
 def test_a_log_that_says_where_it_lies_is_not_placed_elsewhere() -> None:
     for path in Path("own").iterdir():
         log = json.loads(path.read_text())
